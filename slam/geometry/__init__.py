@@ -1,0 +1,1 @@
+"""Rigid motions, cameras and lines in NumPy, vectorised over leading axes."""
