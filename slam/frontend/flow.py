@@ -1,0 +1,139 @@
+"""Dense optical flow: estimated (DIS), predicted from depth and motions, checked and sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, Protocol
+
+import cv2
+import numpy as np
+
+from slam.frontend.sampling import inside, neighbours
+from slam.geometry.arrays import Array
+from slam.types import FlowField, Intrinsics
+
+
+class FlowEstimator(Protocol):
+    """Dense flow from one image to the next; equal inputs give equal outputs."""
+
+    def __call__(self, previous_gray: Array, current_gray: Array,
+                 predicted_px: Array | None = None) -> FlowField:
+        """Flow on the previous image's pixels.
+
+        Args:
+            previous_gray, current_gray: (H, W) uint8.
+            predicted_px: (H, W, 2) float32 flow to start from, where something is known.
+        """
+        ...
+
+
+class DisFlow:
+    """Dense inverse search (Kroeger et al. 2016) by OpenCV."""
+
+    def __init__(self, preset: Literal["ultrafast", "fast", "medium"] = "medium") -> None:
+        presets = {"ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+                   "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+                   "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM}
+        if preset not in presets:
+            raise ValueError(f"no DIS preset {preset!r}; there are {', '.join(presets)}")
+        self._dis = cv2.DISOpticalFlow_create(presets[preset])
+
+    def __call__(self, previous_gray: Array, current_gray: Array,
+                 predicted_px: Array | None = None) -> FlowField:
+        """Flow on the previous image's pixels; with a prediction only the rest is estimated."""
+        if predicted_px is None:
+            return FlowField(self._dis.calc(previous_gray, current_gray, None))
+        back_warped, landed = warp_back(current_gray, predicted_px)
+        rest = self._dis.calc(previous_gray, back_warped, None)
+        # Where the prediction leaves the image nothing was there to be estimated.
+        rest[~landed] = 0.0
+        return FlowField(predicted_px + rest)
+
+
+def warp_back(current: Array, flow_px: Array) -> tuple[Array, Array]:
+    """The current image as the previous one would see it, and (H, W) bool: inside the image."""
+    u, v = _grid(flow_px.shape)
+    u, v = flow_px[..., 0] + u, flow_px[..., 1] + v
+    warped = cv2.remap(current, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    height, width = current.shape[:2]
+    return np.asarray(warped), (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+
+
+def predicted_flow(depth_m: Array, instance_id: Array | None, T_current_previous: Array,
+                   motions: Mapping[int, Array], intrinsics: Intrinsics) -> Array:
+    """Flow that depth and rigid motions would give.
+
+    A pixel without depth moves as if it were infinitely far.
+
+    Args:
+        depth_m: (H, W) z-depth of the previous frame, 0 where there is none.
+        instance_id: (H, W) labels of the previous frame, 0 = background.
+        T_current_previous: (4, 4), previous camera to current camera, for all that stands still.
+        motions: label -> (4, 4) that maps the object's points in the previous camera's frame to
+            the current camera's frame.
+    Returns:
+        (H, W, 2) float32 on the previous frame's pixels.
+    """
+    inverse_m = np.zeros(depth_m.shape, np.float32)
+    np.divide(np.float32(1), depth_m, out=inverse_m, where=depth_m > 0)
+    u, v = _grid(depth_m.shape)
+    flow = _rigid_flow(u, v, inverse_m, T_current_previous, intrinsics)
+    if instance_id is not None:
+        for label, T in motions.items():
+            row, column = np.nonzero(instance_id == label)
+            flow[row, column] = _rigid_flow(column.astype(np.float32), row.astype(np.float32),
+                                            inverse_m[row, column], T, intrinsics)
+    return flow
+
+
+def _rigid_flow(u: Array, v: Array, inverse_m: Array, T_current_previous: Array,
+                intrinsics: Intrinsics) -> Array:
+    """(..., 2) float32 flow of pixels u, v that broadcast with their inverse depth."""
+    K = intrinsics.matrix
+    T = np.asarray(T_current_previous, dtype=np.float64)
+    H = (K @ T[:3, :3] @ np.linalg.inv(K)).astype(np.float32)
+    t = (K @ T[:3, 3]).astype(np.float32)
+    scale = (H[2, 0] * u + (H[2, 1] * v + H[2, 2])) + t[2] * inverse_m
+    scale = np.float32(1) / np.maximum(scale, np.float32(1e-3))
+    # As differences, so that float32 loses nothing to the size of the coordinates.
+    flow = np.empty((*inverse_m.shape, 2), np.float32)
+    flow[..., 0] = ((H[0, 0] * u + (H[0, 1] * v + H[0, 2])) + t[0] * inverse_m) * scale - u
+    flow[..., 1] = ((H[1, 0] * u + (H[1, 1] * v + H[1, 2])) + t[1] * inverse_m) * scale - v
+    return flow
+
+
+def sample_flow(flow: FlowField, uv_px: Array,
+                instance_id: Array | None = None) -> tuple[Array, Array]:
+    """Flow (N, 2) and whether it is known (N,) at positions (N, 2) of the previous image.
+
+    Bilinear, except that the nearest pixel counts alone where one of the 2×2 neighbours is
+    invalid or lies on another instance.
+    """
+    height, width = flow.flow_px.shape[:2]
+    index, weight = neighbours((height, width), uv_px)
+    four = flow.flow_px.reshape(-1, 2)[index].astype(np.float64)
+    known = np.isfinite(four).all(axis=-1)
+    if flow.valid is not None:
+        known &= flow.valid.reshape(-1)[index]
+    best = np.argmax(weight, axis=0)[None]
+    whole = known.all(axis=0)
+    if instance_id is not None:
+        label = instance_id.reshape(-1)[index]
+        whole &= (label == label[0]).all(axis=0)
+    weight = np.where(whole, weight, np.arange(4)[:, None] == best)
+    out = np.where(known[..., None], four, 0.0)
+    valid = np.take_along_axis(known, best, 0)[0] & inside(uv_px, (height, width))
+    return (out * weight[..., None]).sum(axis=0), valid
+
+
+def round_trip_error(forward: FlowField, backward: FlowField, uv_px: Array) -> Array:
+    """Forward–backward distance (N,) in px at positions (N, 2); inf where a flow is unknown."""
+    there, known = sample_flow(forward, uv_px)
+    back, known_back = sample_flow(backward, uv_px + there)
+    return np.where(known & known_back, np.linalg.norm(there + back, axis=-1), np.inf)
+
+
+def _grid(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Columns (1, W) and rows (H, 1), float32, that broadcast to an image."""
+    return (np.arange(shape[1], dtype=np.float32)[None],
+            np.arange(shape[0], dtype=np.float32)[:, None])
