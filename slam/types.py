@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from slam.geometry.arrays import Array, ShapeError, check_shape, freeze_fields
+from slam.geometry.line import PluckerLines  # noqa: F401 - one of the types between stages
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,17 +108,6 @@ class Segments2D:
 
     def __len__(self) -> int:
         return len(self.endpoints_px)
-
-
-@dataclass(frozen=True, slots=True)
-class PluckerLines:
-    """Infinite 3D lines: N = A × U, with ‖U‖ = 1 and N · U = 0."""
-
-    moment: Array        # (N, 3) m
-    direction: Array     # (N, 3) unit
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, moment=("N", 3), direction=("N", 3))
 
 
 class Status(StrEnum):
