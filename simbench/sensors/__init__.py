@@ -10,6 +10,7 @@ from simbench.sensors.depth import (
     depth_sigma,
 )
 from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
+from simbench.sensors.hsv import HsvConfig, hsv_masks
 from simbench.sensors.masks import (
     MaskNoise,
     boxes_of_masks,
@@ -22,9 +23,9 @@ from simbench.sensors.spec import SENSORS, SensorSpec, find_sensor
 from simbench.sensors.streams import Stage, generator
 
 __all__ = [
-    "SENSORS", "DepthModel", "FlowNoise", "GaussianDepth", "KinectDepth", "MaskNoise",
+    "SENSORS", "DepthModel", "FlowNoise", "GaussianDepth", "HsvConfig", "KinectDepth", "MaskNoise",
     "NoiseField", "RgbNoise", "SensorSpec", "Stage", "StereoDepth", "apply_depth_noise",
     "apply_rgb_noise", "boxes_of_masks", "clean_depth", "depth_sigma", "draw_noise",
-    "find_sensor", "flow_noise", "generator", "majority_objects", "mask_noise",
+    "find_sensor", "flow_noise", "generator", "hsv_masks", "majority_objects", "mask_noise",
     "shuffle_labels",
 ]

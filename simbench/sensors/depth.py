@@ -100,15 +100,10 @@ def depth_sigma(depth_m: Array, intrinsics: Intrinsics, model: DepthModel | None
     return _kinect_axial_sigma(depth_m, incidence_angle(depth_m, intrinsics), model)
 
 
-def clean_depth(depth_m: Array, saturated_m: float | None = None) -> Array:
-    """(H, W) float32 depth with NaN, infinite, negative and saturated values set to 0.
-
-    Args:
-        saturated_m: what the largest 16-bit number means in metres; it and beyond is no depth.
-    """
+def clean_depth(depth_m: Array) -> Array:
+    """(H, W) float32 depth with NaN, infinite and negative values set to 0."""
     depth_m = np.asarray(depth_m, np.float32)
-    limit = np.float32(np.inf if saturated_m is None else saturated_m)
-    return np.where((depth_m > 0) & (depth_m < limit), depth_m, np.float32(0.0))
+    return np.where((depth_m > 0) & (depth_m < np.inf), depth_m, np.float32(0.0))
 
 
 def _gaussian(depth_m: Array, model: GaussianDepth, rng: np.random.Generator) -> Array:

@@ -22,7 +22,7 @@ def noise_field(rng: np.random.Generator, size: tuple[int, int], channels: int,
     kernel = cv2.getGaussianKernel(2 * reach + 1, correlation_px, cv2.CV_32F)
     # White noise through a separable kernel k has the standard deviation Σ k². The margin is
     # cut off again, so that the variance does not change towards the border.
-    kernel /= np.sqrt(np.sum(kernel**2))
+    kernel = kernel / np.sqrt(np.sum(kernel**2))
     white = rng.standard_normal((size[0] + 2 * reach, size[1] + 2 * reach, channels),
                                 dtype=np.float32)
     smooth = cv2.sepFilter2D(white, -1, kernel, kernel).reshape(white.shape)

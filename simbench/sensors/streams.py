@@ -17,6 +17,7 @@ class Stage(IntEnum):
     FLOW_TAIL = 105       # outliers of occluded pixels
     MASKS = 106
     LABELS = 107
+    BOXES = 108
 
 
 def generator(seed: int, stage: Stage, frame: int) -> np.random.Generator:

@@ -1,0 +1,271 @@
+"""What a system is given: flow, masks, boxes and depth that are true, noisy or estimated."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from simbench.errors import UserError
+from simbench.sensors.depth import apply_depth_noise, clean_depth
+from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
+from simbench.sensors.hsv import hsv_masks
+from simbench.sensors.masks import boxes_of_masks, majority_objects, mask_noise, shuffle_labels
+from simbench.sensors.rgb import apply_rgb_noise
+from simbench.sensors.spec import find_sensor
+from simbench.sensors.streams import Stage, generator
+from simbench.sequence import Sequence, SequenceTruth
+from slam.geometry.arrays import Array
+from slam.types import Boxes2D, FlowField, Frame, Intrinsics
+
+log = logging.getLogger(__name__)
+
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "flow": ("truth", "noisy", "dis", "given"),
+    "masks": ("truth", "noisy", "given", "hsv", "none"),
+    "boxes": ("truth", "given", "none"),
+    "depth": ("truth", "sensor", "stereo", "given"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class InputChoice:
+    """The inputs asked for; None takes what the sequence holds."""
+
+    flow: str | None = None             # dis: the system computes it from the images
+    masks: str | None = None
+    boxes: str | None = None
+    depth: str | None = None
+    sensor: str | None = None           # None: colour and depth as recorded
+    sensor_settings: Mapping[str, Any] = field(default_factory=dict)   # "depth.max_m": 5.0
+    flow_sigma_px: float | None = None  # these three replace the sensor's flow noise
+    flow_noise_kind: str | None = None  # pairwise, localisation
+    flow_noise_shape: str | None = None # isotropic, structure
+    shuffle_labels: bool = True         # so that a system really has to associate masks
+
+    def __post_init__(self) -> None:
+        for name, known in CHOICES.items():
+            value = getattr(self, name)
+            if value is not None and value not in known:
+                raise UserError(f"--{name} {value}: wanted one of {', '.join(known)}")
+
+
+def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
+    """The choice with everything named that was left open, and fallbacks taken.
+
+    `given` of something that the recording lacks becomes `dis` or `none`, and the log says so.
+    Raises:
+        UserError: truth, a sensor or stereo was asked for where the sequence has none.
+    """
+    holds, truth = sequence.holds, sequence.truth
+    exact = truth is not None and truth.has_images
+    masked = truth is not None and (exact or truth.true_instances(0) is not None)
+    simulated_depth = "sensor" if choice.sensor is not None else "truth"
+    depth = choice.depth or (
+        "sensor" if choice.sensor is not None and exact else
+        "given" if "depth" in holds else "stereo" if "stereo" in holds else simulated_depth)
+    flow = choice.flow or ("given" if "flow" in holds else "dis")
+    masks = choice.masks or ("given" if "masks" in holds else "truth" if exact else "none")
+    boxes = choice.boxes or ("given" if "boxes" in holds else "none")
+    name = sequence.name
+    if not exact:
+        for option, value in (("flow", flow), ("depth", depth)):
+            if value in ("truth", "noisy", "sensor"):
+                raise UserError(f"--{option} {value}: {name} has no exact truth images; "
+                                f"use --{option} {'dis' if option == 'flow' else 'given'}")
+        if choice.sensor is not None:
+            raise UserError(f"--sensor {choice.sensor}: {name} is a recording, its sensor has "
+                            "already acted; leave --sensor out")
+    if not masked:
+        for option, value in (("masks", masks), ("boxes", boxes)):
+            if value in ("truth", "noisy"):
+                raise UserError(f"--{option} {value}: {name} has no true masks; "
+                                f"use --{option} given or none")
+    if depth == "stereo" and "stereo" not in holds:
+        raise UserError(f"--depth stereo: {name} has no right images; use --depth given")
+    if depth == "given" and "depth" not in holds:
+        raise UserError(f"--depth given: {name} holds no depth; use --depth "
+                        + ("stereo" if "stereo" in holds else "truth"))
+    return replace(choice, depth=depth, flow=_fallback("flow", flow, "dis", sequence),
+                   masks=_fallback("masks", masks, "none", sequence),
+                   boxes=_fallback("boxes", boxes, "none", sequence))
+
+
+def _fallback(option: str, value: str, instead: str, sequence: Sequence) -> str:
+    if value != "given" or option in sequence.holds:
+        return value
+    log.warning("%s holds no %s: --%s given falls back to %s", sequence.name, option, option,
+                instead)
+    return instead
+
+
+class Feed:
+    """The frames that a system sees of a sequence, and whose label is whose."""
+
+    def __init__(self, sequence: Sequence, choice: InputChoice, seed: int = 0,
+                 frames: int | None = None) -> None:
+        """
+        Args:
+            seed: of all noise and shuffling; equal seeds give equal bytes.
+            frames: only the first so many.
+        Raises:
+            UserError: the sequence cannot give what is chosen.
+        """
+        if frames is not None and frames < 1:
+            raise UserError(f"--frames {frames}: wanted 1 or more")
+        if seed < 0:
+            raise UserError(f"--seed {seed}: wanted 0 or more")
+        self.sequence = sequence
+        self.choice = resolve_choice(choice, sequence)
+        self.seed = seed
+        self.sensor = find_sensor(choice.sensor or "ideal", choice.sensor_settings)
+        self.flow_noise = _flow_noise(self.sensor.flow, choice)
+        self._length = len(sequence) if frames is None else min(frames, len(sequence))
+        self._objects: dict[int, dict[int, int]] = {}
+        self._recorded: dict[int, Frame] = {}
+        self._noise: dict[int, NoiseField] = {}
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        return self.sequence.intrinsics
+
+    def __len__(self) -> int:
+        return self._length
+
+    def frame(self, k: int) -> Frame:
+        """Frame k as the system sees it; frame 0 has no flow.
+
+        Raises:
+            BadFrame: its files cannot be read.
+            IndexError: k is not within the feed.
+        """
+        if not 0 <= k < self._length:
+            raise IndexError(f"frame {k} of {self._length}")
+        recorded = self._record(k)
+        rgb = self._rgb(recorded, k)
+        labels, self._objects[k] = self._masks(recorded, rgb, k)
+        return replace(recorded, index=k, rgb=rgb, depth_m=clean_depth(self._depth(recorded, k)),
+                       instance_id=labels, boxes=self._boxes(recorded, k),
+                       flow=None if k == 0 else self._flow(recorded, k))
+
+    def true_object_of_label(self, k: int) -> dict[int, int]:
+        """Mask label in frame k → true instance id; labels that stand on no object are absent.
+
+        Raises:
+            BadFrame: the frame's files cannot be read.
+        """
+        if k not in self._objects:
+            recorded = self._record(k)
+            self._objects[k] = self._masks(recorded, self._rgb(recorded, k), k)[1]
+        return dict(self._objects[k])
+
+    @property
+    def _truth(self) -> SequenceTruth:
+        if self.sequence.truth is None:
+            raise UserError(f"{self.sequence.name} has no truth")
+        return self.sequence.truth
+
+    def _record(self, k: int) -> Frame:
+        return _kept(self._recorded, k, lambda: self.sequence.frame(k))
+
+    def _rgb(self, recorded: Frame, k: int) -> Array:
+        rgb = recorded.rgb
+        if self.sensor.exposure_s > 0:
+            blurred = getattr(self.sequence, "render_blurred", None)
+            if blurred is None:
+                raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
+                                f"{self.sequence.name} is on disk; generate it with this sensor")
+            rgb = blurred(k, self.sensor.exposure_s)
+        if self.sensor.rgb is None:
+            return rgb
+        return apply_rgb_noise(rgb, self.sensor.rgb, generator(self.seed, Stage.RGB, k))
+
+    def _depth(self, recorded: Frame, k: int) -> Array:
+        if self.choice.depth == "given":
+            return recorded.depth_m
+        if self.choice.depth == "stereo":
+            return _stereo_depth(recorded)
+        depth_m = self._truth.frame(k).depth_m
+        if self.choice.depth == "truth":
+            return depth_m
+        return apply_depth_noise(depth_m, self.intrinsics, self.sensor.depth,
+                                 generator(self.seed, Stage.DEPTH, k))
+
+    def _masks(self, recorded: Frame, rgb: Array, k: int) -> tuple[Array | None, dict[int, int]]:
+        """(H, W) int32 labels, and the true object of each."""
+        kind = self.choice.masks
+        if kind == "none":
+            return None, {}
+        true = None if self.sequence.truth is None else self.sequence.truth.true_instances(k)
+        if kind in ("truth", "noisy"):
+            masks = true
+        else:
+            masks = recorded.instance_id if kind == "given" else hsv_masks(rgb)
+        if masks is None:
+            return None, {}
+        if kind == "noisy":
+            masks = mask_noise(masks, self.sensor.masks, generator(self.seed, Stage.MASKS, k))
+        if self.choice.shuffle_labels:
+            masks, _ = shuffle_labels(masks, generator(self.seed, Stage.LABELS, k))
+        return masks, {} if true is None else majority_objects(masks, true)
+
+    def _boxes(self, recorded: Frame, k: int) -> Boxes2D | None:
+        if self.choice.boxes == "none":
+            return None
+        if self.choice.boxes == "given":
+            return recorded.boxes
+        true = self._truth.true_instances(k)
+        if true is None:
+            return None
+        # Shuffled, lest the order of the boxes tell which object is which.
+        return boxes_of_masks(shuffle_labels(true, generator(self.seed, Stage.BOXES, k))[0])
+
+    def _flow(self, recorded: Frame, k: int) -> FlowField | None:
+        kind = self.choice.flow
+        if kind == "dis":
+            return None
+        if kind == "given":
+            return recorded.flow
+        flow = self._truth.flow(k - 1, k)
+        if kind == "truth":
+            return FlowField(flow.flow_px, flow.valid & ~flow.leaving)
+        if self.flow_noise.kind == "pairwise":
+            return flow_noise(flow, self.flow_noise, self.seed, k, self._noise_field(k, k - 1))
+        return flow_noise(flow, self.flow_noise, self.seed, k, self._noise_field(k - 1, k - 1),
+                          self._noise_field(k, k))
+
+    def _noise_field(self, key: int, image: int) -> NoiseField:
+        """The noise drawn for frame `key`, shaped by the image of frame `image`."""
+        rgb = self._record(image).rgb if self.flow_noise.shape == "structure" else None
+        size = (self.intrinsics.height, self.intrinsics.width)
+        return _kept(self._noise, key,
+                     lambda: draw_noise(self.flow_noise, self.seed, key, size, rgb))
+
+
+def _flow_noise(noise: FlowNoise, choice: InputChoice) -> FlowNoise:
+    sigma = noise.sigma_px if choice.flow_sigma_px is None else choice.flow_sigma_px
+    return replace(noise, sigma_px=sigma, kind=choice.flow_noise_kind or noise.kind,
+                   shape=choice.flow_noise_shape or noise.shape)
+
+
+def _stereo_depth(recorded: Frame) -> Array:
+    from slam.frontend.stereo import depth_from_stereo  # noqa: PLC0415 (only where it is used)
+    if recorded.right is None or recorded.intrinsics.baseline_m is None:
+        return np.zeros_like(recorded.depth_m)
+    return depth_from_stereo(recorded.rgb, recorded.right, recorded.intrinsics)
+
+
+_Kept = TypeVar("_Kept")
+
+
+def _kept(store: dict[int, _Kept], k: int, make: Callable[[], _Kept]) -> _Kept:
+    """What `make` gives for frame k; the last two frames' are kept, as flow joins two frames."""
+    if k not in store:
+        value = make()
+        for old in [key for key in store if abs(key - k) > 1]:
+            del store[old]
+        store[k] = value
+    return store[k]
