@@ -1,0 +1,100 @@
+"""Settings of every stage, complete with defaults. One frozen dataclass per stage.
+
+A threshold says its unit and where it comes from. Presets (slam.systems.registry) differ from
+these defaults in a few named fields only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseConfig:
+    """What is assumed of the input's noise before the residuals have been seen."""
+
+    flow_sigma_px: float = 0.3        # one flow vector, each axis
+    inverse_depth_sigma: float = 0.002   # 1/m; σ_z = 0.002 z², a Kinect's or a good stereo rig's
+    adapt: bool = True                # measure both from the residuals of each frame
+    memory: float = 0.8               # weight of the earlier frames in the measured noise
+
+
+@dataclass(frozen=True, slots=True)
+class GridConfig:
+    """Dense flow averaged over cells: every vector of a given flow counts."""
+
+    static_cell_px: int = 8
+    object_cell_px: int = 4
+    min_filled: float = 0.25          # share of a cell's pixels that must be usable
+    max_depth_change: float = 0.2     # relative inverse-depth change that no motion explains
+
+
+@dataclass(frozen=True, slots=True)
+class MotionConfig:
+    """Robust Levenberg-Marquardt on eq. (3) and (4)."""
+
+    optimise_flow: bool = True        # False: φ = φ̂, the paper's ablation "wo. FO"
+    kernel: Literal["huber", "cauchy"] = "cauchy"   # the paper: huber
+    kernel_width: float = 3.0         # in standard deviations of the whole residual
+    rounds: int = 3                   # renewals of noise scales, covariances, inverse depths
+    iterations: int = 5               # Levenberg-Marquardt steps a round, at most
+    step_tolerance: float = 0.01      # standard deviations
+    reprojection_sigma_px: float = 0.02   # Σ_p: what the pinhole and rigidity leave unexplained
+    line_sigma_px: float = 0.05       # Σ_l: a rendered or seen edge is not a perfect line
+    line_normalisation: Literal["pixel", "paper"] = "pixel"
+    point_gate: float = 4.0           # standard deviations; above: not an inlier
+    line_gate: float = 4.0            # the same for lines, which are dropped (III-B)
+
+
+@dataclass(frozen=True, slots=True)
+class StartConfig:
+    """P3P in RANSAC, from which the refinement starts."""
+
+    max_points: int = 400             # sampled evenly over the matches
+    iterations: int = 80
+    threshold_px: float = 2.0         # at least; 4 σ of the flow where that is more
+    min_points: int = 6               # fewer: no motion is estimated
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicConfig:
+    """Which things move (III-C), and how masks are followed."""
+
+    static_scene_flow_m_s: float = 0.12   # slower things count as static, if they never moved
+    significance: float = 4.0         # standard deviations by which the motion must stand out
+    moving_share: float = 0.3         # share of an object's points that must move
+    stay_dynamic_s: float = 1.0       # a thing that moved stays dynamic through a short stop
+    min_matches: int = 12             # fewer matches on an object: its motion is not estimated
+    min_overlap: float = 0.3          # share of a mask that the flow must carry to its successor
+    forget_s: float = 1.0             # a track without a mask is forgotten after this time
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentsConfig:
+    """Line segments: how many are followed, and when new ones are sought."""
+
+    enabled: bool = True              # False: points only, as VDO-SLAM
+    detect_every: int = 1             # frames between detections
+    max_count: int = 300
+
+
+@dataclass(frozen=True, slots=True)
+class RefineConfig:
+    """Sub-pixel alignment of the matches on the images, where the flow is estimated."""
+
+    use: Literal["auto", "always", "never"] = "auto"   # auto: when the system estimates the flow
+    patch_px: int = 11
+
+
+@dataclass(frozen=True, slots=True)
+class SdplConfig:
+    """Everything SDPL-SLAM's tracking can be told."""
+
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    grid: GridConfig = field(default_factory=GridConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    start: StartConfig = field(default_factory=StartConfig)
+    dynamic: DynamicConfig = field(default_factory=DynamicConfig)
+    segments: SegmentsConfig = field(default_factory=SegmentsConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
