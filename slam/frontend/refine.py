@@ -1,0 +1,256 @@
+"""Sub-pixel refinement of correspondences: batched Lucas–Kanade with covariances.
+
+Inverse compositional (Baker & Matthews 2004): gradients and normal matrices come from the
+template once; an iteration only cuts out the moved patches and takes three dot products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.frontend.patches import extract_patches, fits, spline_image
+from slam.geometry.arrays import Array, freeze_fields
+
+
+@dataclass(frozen=True, slots=True)
+class RefineConfig:
+    """Patch alignment."""
+
+    radius_px: int = 5                # 11×11 patches
+    window_sigma_px: float = 3.0      # Gaussian weights over the patch
+    blur_sigma_px: float = 0.8        # of both images: less interpolation bias and aliasing
+    prior_sigma_px: float = 1.0       # how far the initial flow may be wrong, per axis
+    iterations: int = 6
+    stop_px: float = 0.02             # a smaller step is the last: it leaves a tenth of itself
+    max_move_px: float = 3.0          # farther from the initial position is a failure
+    min_correlation: float = 0.8      # of template and patch, weighted, in [-1, 1]
+    max_scale: float = 4.0            # of a warp's area; beyond it a patch is not alike
+    max_step_px: float = 1.0          # of one iteration
+    noise_floor_grey: float = 0.15    # σ of patch differences: rounding to 8 bits, blurred
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedMatches:
+    """Correspondences after refinement; those not converged keep their initial position."""
+
+    uv_current: Array    # (N, 2) px
+    covariance: Array    # (N, 2, 2) px²
+    converged: Array     # (N,) bool
+    residual: Array      # (N,) grey levels: weighted RMS of patch minus template; inf unconverged
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, uv_current=("N", 2), covariance=("N", 2, 2), converged=("N",),
+                      residual=("N",))
+
+
+def prepare_image(gray: Array, config: RefineConfig | None = None) -> Array:
+    """The (H, W) float32 image that refinement works on; call it once per image."""
+    return spline_image(gray, (RefineConfig() if config is None else config).blur_sigma_px)
+
+
+def refine_matches(previous: Array, current: Array, uv_previous: Array,
+                   uv_current_initial: Array, config: RefineConfig | None = None,
+                   A: Array | None = None) -> RefinedMatches:
+    """Move matched points to where their patches agree best.
+
+    The prior holds each point to its initial position with `prior_sigma_px`, so a patch that is
+    only an edge moves across the edge and keeps the initial flow, and its large variance, along.
+
+    Args:
+        previous, current: (H, W) float32 from `prepare_image`.
+        uv_previous: (N, 2) positions in the previous image.
+        uv_current_initial: (N, 2) positions in the current one, within 1–2 px.
+        config: weights, iterations and gates.
+        A: (N, 2, 2) local warps, offsets in the previous image to offsets in the current one;
+            None: the patches only shift.
+    """
+    config = RefineConfig() if config is None else config
+    start = np.asarray(uv_current_initial, dtype=np.float64)
+    uv = start.copy()
+    count = len(uv)
+    covariance = np.tile(np.eye(2) * config.prior_sigma_px ** 2, (count, 1, 1))
+    converged = np.zeros(count, bool)
+    residual = np.full(count, np.inf)
+    usable = (fits(uv_previous, previous.shape, config.radius_px + 1)
+              & fits(start, current.shape, config.radius_px))
+    if A is not None:
+        usable &= np.abs(np.log(np.maximum(np.linalg.det(A), 1e-9))) < np.log(config.max_scale)
+    usable = np.flatnonzero(usable)
+    if len(usable):
+        filters = _filters(previous, uv_previous[usable], None if A is None else A[usable], config)
+        uv[usable], correlation, residual_usable, ended = _iterate(
+            current, start[usable], filters, config)
+        good = (ended & (correlation >= config.min_correlation)
+                & (np.linalg.norm(uv[usable] - start[usable], axis=-1) <= config.max_move_px))
+        if good.any():
+            chosen = usable[good]
+            converged[chosen] = True
+            residual[chosen] = residual_usable[good]
+            covariance[chosen] = _covariance(filters, good, residual_usable[good], config)
+    uv[~converged] = start[~converged]
+    return RefinedMatches(uv, covariance, converged, residual)
+
+
+@dataclass(frozen=True, slots=True)
+class _Filters:
+    """What the templates contribute, the same in all iterations; features on the last axis."""
+
+    taps: Array          # (3, P, N) float32: weighted gradients in u and v, weighted template
+    normal: Array        # (3, N): Σ w g gᵀ as uu, uv, vv
+    spread: Array        # (3, N): Σ w² g gᵀ, by which noise enters
+    energy: Array        # (N,): Σ w T², the template without its mean
+
+
+def _window(config: RefineConfig) -> Array:
+    """(P,) float32 Gaussian weights that sum to 1."""
+    offset = np.arange(-config.radius_px, config.radius_px + 1)
+    line = np.exp(-0.5 * (offset / config.window_sigma_px) ** 2)
+    weight = np.outer(line, line).reshape(-1)
+    return np.asarray(weight / weight.sum(), dtype=np.float32)
+
+
+def _filters(previous: Array, uv_previous: Array, A: Array | None,
+             config: RefineConfig) -> _Filters:
+    """Templates, their gradients and everything that follows from them alone."""
+    wide = extract_patches(previous, uv_previous, config.radius_px + 1)
+    count = wide.shape[-1]
+    weight = _window(config)
+    pixels = len(weight)
+    basis = np.empty((3, pixels, count), np.float32)      # gradient in u and v, template
+    as_image = basis.reshape(3, *(2 * config.radius_px + 1,) * 2, count)
+    np.subtract(wide[1:-1, 2:], wide[1:-1, :-2], out=as_image[0])
+    np.subtract(wide[2:, 1:-1], wide[:-2, 1:-1], out=as_image[1])
+    basis[:2] *= np.float32(0.5)
+    as_image[2] = wide[1:-1, 1:-1]
+    if A is not None:
+        _warp(basis, A, config)
+    # With the mean taken off here, and the template's share off the gradients, the dot products
+    # with a patch are blind to its brightness and contrast.
+    basis -= np.tensordot(weight, basis, axes=(0, 1))[:, None]
+    taps = basis * weight[:, None]
+    energy = np.maximum(_dot(taps[2], basis[2]), np.float32(1e-6))
+    for k in range(2):
+        share = _dot(taps[2], basis[k]) / energy
+        basis[k] -= share * basis[2]
+        np.multiply(basis[k], weight[:, None], out=taps[k])
+    pairs = ((0, 0), (0, 1), (1, 1))
+    normal = np.stack([_dot(taps[i], basis[j]) for i, j in pairs])
+    spread = np.stack([_dot(taps[i], taps[j]) for i, j in pairs])
+    return _Filters(taps, normal.astype(np.float64), spread.astype(np.float64),
+                    energy.astype(np.float64))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(N,) dot products of the columns of (P, N) and (P, N)."""
+    return np.asarray(np.einsum("pn,pn->n", a, b))
+
+
+def _warp(basis: Array, A: Array, config: RefineConfig) -> None:
+    """Turn gradient and template into what the current image shows under A, to first order."""
+    offset = np.arange(-config.radius_px, config.radius_px + 1, dtype=np.float32)
+    v, u = (axis.reshape(-1, 1) for axis in np.meshgrid(offset, offset, indexing="ij"))
+    inverse = _inverse(np.moveaxis(A, 0, -1)).astype(np.float32)            # (2, 2, N)
+    for k in range(2):
+        back = inverse[k, 0] * u + inverse[k, 1] * v                        # previous offset
+        basis[2] += basis[k] * (back - (u, v)[k])
+    in_u = inverse[0, 0] * basis[0] + inverse[1, 0] * basis[1]
+    basis[1] = inverse[0, 1] * basis[0] + inverse[1, 1] * basis[1]
+    basis[0] = in_u
+
+
+def _prior_weight(noise: Array, config: RefineConfig) -> Array:
+    """What the prior adds to the diagonal of the normal matrix, (grey/px)².
+
+    Args:
+        noise: (N,) variance of a patch difference, grey². The window's weights sum to 1, so the
+            noise of the matrix's right-hand side is smaller by Σ w².
+    """
+    weight = _window(config)
+    return np.asarray(_noise_gain(config) * float(weight @ weight) * noise
+                      / config.prior_sigma_px ** 2)
+
+
+def _noise_gain(config: RefineConfig) -> float:
+    """Variance that neighbouring pixels' shared noise adds: blurred noise on a blurred gradient.
+
+    The sum of the noise's autocorrelation exp(−d²/4σ²) times the gradient's, like it, is 2πσ².
+    """
+    return max(1.0, 2.0 * np.pi * config.blur_sigma_px ** 2)
+
+
+def _solve(normal: Array, right: Array) -> Array:
+    """(2, N) solutions of symmetric 2×2 systems, the matrices as (3, N): uu, uv, vv."""
+    uu, uv, vv = normal
+    determinant = np.maximum(uu * vv - uv * uv, 1e-12)
+    return np.asarray(np.stack([vv * right[0] - uv * right[1],
+                                uu * right[1] - uv * right[0]]) / determinant)
+
+
+def _iterate(current: Array, start: Array, filters: _Filters,
+             config: RefineConfig) -> tuple[Array, Array, Array, Array]:
+    """Positions (N, 2), correlations (N,), residuals (N,) and whether the steps ended (N,)."""
+    uv = start.copy()
+    count = len(uv)
+    correlation, residual, ended = np.zeros(count), np.full(count, np.inf), np.zeros(count, bool)
+    weight = _window(config)
+    active = np.arange(count)
+    taps = filters.taps
+    for _ in range(config.iterations):
+        stays = fits(uv[active], current.shape, config.radius_px)
+        if not stays.all() or len(active) < taps.shape[-1]:
+            active = active[stays]
+            taps = filters.taps[:, :, active]
+        if len(active) == 0:
+            break
+        patch = extract_patches(current, uv[active], config.radius_px)
+        patch = patch.reshape(len(weight), -1)
+        patch -= weight @ patch
+        dots = np.einsum("kpn,pn->kn", taps, patch).astype(np.float64)
+        variance = np.maximum(weight @ (patch * patch), 1e-6)
+        energy, normal = filters.energy[active], filters.normal[:, active]
+        gain = np.clip(dots[2] / energy, 0.3, 3.0)
+        right = dots[:2] / gain
+        # What is left of the difference once the best step is made is noise; misfit is not.
+        unexplained = (variance - dots[2] ** 2 / energy
+                       - gain * gain * (right * _solve(normal + _FLOOR, right)).sum(axis=0))
+        noise = np.maximum(unexplained, config.noise_floor_grey ** 2)
+        correlation[active] = dots[2] / np.sqrt(energy * variance)
+        residual[active] = np.sqrt(noise)
+        prior = _prior_weight(noise / gain ** 2, config)
+        moved = (uv[active] - start[active]).T
+        step = _solve(normal + prior * _DIAGONAL, right + prior * moved)
+        length = np.hypot(*step)
+        step *= np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))
+        uv[active] -= step.T
+        ended[active] = length < 5 * config.stop_px
+        active = active[length >= config.stop_px]
+    return uv, correlation, residual, ended
+
+
+_DIAGONAL = np.array([[1.0], [0.0], [1.0]])   # of a symmetric 2×2 matrix as uu, uv, vv
+_FLOOR = 1e-3 * _DIAGONAL                     # (grey/px)²: keeps flat patches solvable
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverses of well-conditioned 2×2 matrices (2, 2, N)."""
+    (a, b), (c, d) = matrix
+    return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+
+
+def _covariance(filters: _Filters, chosen: Array, residual: Array,
+                config: RefineConfig) -> Array:
+    """(M, 2, 2) of the chosen patches' positions: what noise and a wrong prior do to them."""
+    # Half a patch's own noise, which is a rough estimate, and half that of most patches.
+    noise = 0.5 * (residual ** 2 + np.median(residual) ** 2)
+    prior = _prior_weight(noise, config)
+    inverse = _inverse(_symmetric(filters.normal[:, chosen] + prior * _DIAGONAL))
+    inside = _symmetric(_noise_gain(config) * noise * filters.spread[:, chosen]
+                        + prior ** 2 * config.prior_sigma_px ** 2 * _DIAGONAL)
+    return np.asarray(np.einsum("ijn,jkn,kln->nil", inverse, inside, inverse))
+
+
+def _symmetric(upper: Array) -> Array:
+    """(2, 2, N) from (3, N): uu, uv, vv."""
+    return np.asarray(upper[[0, 1, 1, 2]].reshape(2, 2, -1))
