@@ -1,0 +1,72 @@
+"""Images of a frame: what cannot be read raises BadFrame, which names the path and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from simbench.errors import BadFrame
+from slam.geometry.arrays import Array
+
+_PNG, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+_NO_MEASUREMENT = 65535   # what some sensors write where they saw nothing
+
+
+def _decode(path: Path, flags: int) -> Array:
+    """Any shape and type; OpenCV would fill a truncated image with grey without a word."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise BadFrame(f"{path}: no such image; restore it") from None
+    except OSError as error:
+        raise BadFrame(f"{path}: cannot be read ({error.strerror}); check the file") from None
+    cut = (data.startswith(_PNG) and not data.rstrip(b"\0\r\n").endswith(_PNG_END)) or (
+        data.startswith(_JPEG) and _JPEG_END not in data[-64:])
+    if cut or not data:
+        raise BadFrame(f"{path}: the image is truncated ({len(data)} bytes); copy it again")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    if image is None:
+        raise BadFrame(f"{path}: not an image that OpenCV can read; replace it")
+    return np.asarray(image)
+
+
+def _check_size(path: Path, image: Array, width: int, height: int) -> None:
+    if image.shape[:2] != (height, width):
+        raise BadFrame(f"{path}: {image.shape[1]}×{image.shape[0]} pixels, the calibration says "
+                       f"{width}×{height}; replace the image or mend the calibration")
+
+
+def read_colour(path: Path, width: int, height: int) -> Array:
+    """(H, W, 3) uint8 RGB; grey images are repeated in all three channels. Raises BadFrame."""
+    image = _decode(path, cv2.IMREAD_COLOR)
+    _check_size(path, image, width, height)
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def read_uint16(path: Path, width: int, height: int) -> Array:
+    """(H, W) uint16 of a one-channel 16-bit image. Raises BadFrame."""
+    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        raise BadFrame(f"{path}: {image.dtype} with {channels} channels, wanted one 16-bit "
+                       "channel; replace the image")
+    _check_size(path, image, width, height)
+    return image
+
+
+def read_depth(path: Path, width: int, height: int, units_per_metre: float) -> Array:
+    """(H, W) float32 z-depth in metres; 0 where there is none. Raises BadFrame."""
+    raw = read_uint16(path, width, height)
+    return np.where(raw == _NO_MEASUREMENT, 0, raw).astype(np.float32) / np.float32(units_per_metre)
+
+
+def read_disparity_as_depth(path: Path, width: int, height: int, units_per_pixel: float,
+                            bf_px_m: float) -> Array:
+    """(H, W) float32 z = bf / disparity in metres; 0 where there is none. Raises BadFrame."""
+    raw = read_uint16(path, width, height)
+    seen = (raw > 0) & (raw != _NO_MEASUREMENT)
+    scale = np.float32(bf_px_m * units_per_pixel)
+    return np.where(seen, scale / np.where(seen, raw, 1).astype(np.float32), np.float32(0))
