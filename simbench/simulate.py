@@ -1,0 +1,219 @@
+"""A simulated scene as a sequence in memory, drawn frame by frame as it is asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simbench.errors import UserError
+from simbench.render import Renderer
+from simbench.sequence import IteratesFrames
+from simbench.truth import RayCaster, flow_between, visible_edges
+from simbench.types import (
+    FlowTruth,
+    FrameTruth,
+    ObjectPoses,
+    SceneLayout,
+    Trajectories,
+    VisibleEdges,
+)
+from simbench.world import World
+from slam.geometry.arrays import Array
+from slam.types import FlowField, Frame, Intrinsics
+
+_KEPT = 4   # frames, and flows, that stay in memory
+
+
+class SimulatedTruth:
+    """Exact truth of a world at K stamps; any frame and any pair of frames, in any order."""
+
+    has_images = True
+
+    def __init__(self, world: World, renderer: Renderer, stamps_s: Array) -> None:
+        self.layout: SceneLayout = world.layout
+        self._world, self._renderer, self._stamps_s = world, renderer, stamps_s
+        self._caster = RayCaster(world.model)
+        self._memory = _Memory(_KEPT)
+        self._seen: dict[int, frozenset[int]] = {}   # frame -> objects seen in it
+        self._states = []
+        T_world_camera, T_world_part = [], []
+        world.reset()
+        for stamp in stamps_s:
+            world.advance_to(float(stamp))
+            self._states.append(world.state())
+            T_world_camera.append(world.T_world_camera)
+            T_world_part.append(world.T_world_part)
+        self._T_world_camera, self._T_world_part = np.stack(T_world_camera), np.stack(T_world_part)
+
+    def world_at(self, k: int) -> World:
+        """The world, brought to the instant of frame k."""
+        self._world.restore(self._states[k])
+        return self._world
+
+    def frame(self, k: int) -> FrameTruth:
+        """Poses, depth, parts and objects of frame k."""
+        return self._memory.get(("frame", k), lambda: self._make_frame(k))
+
+    def flow(self, i: int, j: int) -> FlowTruth:
+        """Motion of every pixel of frame i to any frame j."""
+        return self._memory.get(("flow", i, j), lambda: flow_between(
+            self.frame(i), self.frame(j), self.layout, self._caster))
+
+    def edges(self, k: int) -> VisibleEdges:
+        """Visible stretches of the scene's edges in frame k."""
+        return visible_edges(self.frame(k), self.layout, self._caster)
+
+    def true_instances(self, k: int) -> Array:
+        """(H, W) int32 true object id per pixel; 0 = background."""
+        return self.frame(k).instance_id
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """True poses at all stamps.
+
+        An object is valid where a pixel shows it. Frames that were not asked for yet are drawn
+        (depth and parts only) to find that out.
+        """
+        frames = range(len(self._stamps_s))
+        for k in frames:
+            if k not in self._seen:
+                self._make_frame(k)
+        objects = {
+            each.instance_id: ObjectPoses(
+                T_world_object=self._T_world_part[:, each.root_part],
+                valid=np.array([each.instance_id in self._seen[k] for k in frames], bool),
+                rigid=each.rigid, name=each.name)
+            for each in self.layout.objects}
+        return Trajectories(stamps_s=self._stamps_s, T_world_camera=self._T_world_camera,
+                            camera_valid=np.ones(len(frames), bool), objects=objects)
+
+    def _make_frame(self, k: int) -> FrameTruth:
+        depth, part = self._renderer.depth_and_parts(self.world_at(k))
+        # The last entry stands for part -1, where nothing is seen.
+        instance = np.append(self.layout.instance_of_part, 0).astype(np.int32)[part]
+        self._seen[k] = frozenset(np.flatnonzero(np.bincount(instance.ravel())).tolist())
+        return FrameTruth(index=k, stamp_s=float(self._stamps_s[k]),
+                          T_world_camera=self._T_world_camera[k],
+                          T_world_part=self._T_world_part[k],
+                          depth_m=depth, part_id=part, instance_id=instance)
+
+
+class SimulatedSequence(IteratesFrames):
+    """Frames as an ideal camera records them: exact depth, true flow, true object ids as labels."""
+
+    holds = frozenset({"flow", "masks", "depth"})
+
+    def __init__(self, world: World, renderer: Renderer, frames: int) -> None:
+        """Move the world through all its frames (none is drawn yet).
+
+        Args:
+            world: is moved about from now on; do not move it elsewhere.
+            renderer: stays the caller's to close.
+            frames: K > 0; frame k is at k / world.fps.
+        Raises:
+            UserError: frames is not positive.
+        """
+        if frames < 1:
+            raise UserError(f"frames {frames}: a sequence has at least one")
+        self.stamps_s = np.arange(frames) / world.fps
+        self.intrinsics: Intrinsics = world.layout.intrinsics
+        self.truth = SimulatedTruth(world, renderer, self.stamps_s)
+        self.name: str = world.spec.name
+        self._identity = {"scene": world.spec.name, "seed": world.seed, "dials": world.dials,
+                          "fps": world.fps, "frames": frames, "renderer": type(renderer).__name__,
+                          "size": [self.intrinsics.width, self.intrinsics.height],
+                          "mujoco": mujoco.__version__}
+        self._renderer = renderer
+        self._pictures = _Memory(_KEPT)
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    def frame(self, k: int) -> Frame:
+        """Frame k; its flow is that of the pixels of frame k − 1, None for the first frame.
+
+        The flow is valid where the point lies in this frame's image, be it hidden there or not;
+        `truth.flow(k - 1, k).occluded` tells which are hidden.
+        """
+        truth = self.truth.frame(k)
+        return Frame(index=k, stamp_s=truth.stamp_s, rgb=self.rgb(k), depth_m=truth.depth_m,
+                     intrinsics=self.intrinsics, instance_id=truth.instance_id,
+                     flow=None if k == 0 else _as_field(self.truth.flow(k - 1, k)))
+
+    def rgb(self, k: int) -> Array:
+        """(H, W, 3) uint8 picture of the instant of frame k."""
+        return self._pictures.get(k, lambda: self._renderer.rgb(self.truth.world_at(k)))
+
+    def render_blurred(self, k: int, exposure_s: float, subframes: int) -> Array:
+        """(H, W, 3) uint8 picture of an exposure around the instant of frame k.
+
+        The mean, in linear light, of sub-frames spread evenly over the exposure, so that the
+        frame's truth is that of mid-exposure. Nothing came before the first frame: an exposure
+        that would begin before time 0 is shortened at both ends.
+
+        Raises:
+            UserError: the exposure is negative or longer than a frame, or there is no sub-frame.
+        """
+        period_s = 1.0 / self._identity["fps"]
+        if not 0.0 <= exposure_s <= period_s or subframes < 1:
+            raise UserError(f"motion blur of {exposure_s} s in {subframes} sub-frames: wanted an "
+                            f"exposure from 0 to {period_s:.4g} s and at least one sub-frame")
+        middle_s = float(self.stamps_s[k])
+        half_s = min(0.5 * exposure_s, middle_s)
+        offsets_s = half_s * ((2.0 * np.arange(subframes) + 1.0) / subframes - 1.0)
+        world = self.truth.world_at(max(k - 1, 0))
+        light = np.zeros((self.intrinsics.height, self.intrinsics.width, 3), np.float32)
+        for offset_s in offsets_s:
+            world.advance_to(middle_s + float(offset_s))
+            light += _LINEAR_OF_SRGB[self._renderer.rgb(world)]
+        return _srgb_of_linear(light / np.float32(subframes))
+
+    def fingerprint(self) -> str:
+        """SHA-256 of scene, version, seed, dials, size, stamps, renderer and MuJoCo version."""
+        return hashlib.sha256(json.dumps(self._identity, sort_keys=True).encode()).hexdigest()
+
+
+class _Memory:
+    """The last few results, the least recently used going first."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._held: dict[str, OrderedDict[Hashable, Any]] = {}
+
+    def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        kind = key[0] if isinstance(key, tuple) else ""
+        held = self._held.setdefault(kind, OrderedDict())
+        if key not in held:
+            held[key] = make()
+        held.move_to_end(key)
+        while len(held) > self._size:
+            held.popitem(last=False)
+        return held[key]
+
+
+def _as_field(flow: FlowTruth) -> FlowField:
+    return FlowField(flow_px=flow.flow_px, valid=flow.valid & ~flow.leaving)
+
+
+def _linear_table() -> Array:
+    """(256,) float32 linear light of each sRGB byte (IEC 61966-2-1)."""
+    value = np.arange(256) / 255.0
+    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return linear.astype(np.float32)
+
+
+_LINEAR_OF_SRGB = _linear_table()
+# Between the linear values of neighbouring bytes the nearer byte begins at their middle in sRGB.
+_STEPS = 4096
+
+
+def _srgb_of_linear(light: Array) -> Array:
+    value = np.where(light <= 0.0031308, 12.92 * light,
+                     1.055 * np.maximum(light, 1e-9) ** (1.0 / 2.4) - 0.055)
+    return np.clip(np.rint(255.0 * value), 0, 255).astype(np.uint8)
