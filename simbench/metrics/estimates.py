@@ -1,0 +1,138 @@
+"""What a system said, as arrays over the frames of a sequence: all that the metrics look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.geometry import se3
+from slam.geometry.arrays import Array, freeze_fields
+from slam.types import FrameEstimate, SlamResult, Status
+
+NO_OBJECT = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraEstimates:
+    """The estimated camera at each frame of the sequence."""
+
+    T_world_camera: Array       # (K, 4, 4); whatever where there is no estimate
+    pose_known: Array           # (K,) bool
+    T_previous_camera: Array    # (K, 4, 4) the motion that ended in frame k
+    step_known: Array           # (K,) bool: this motion is an estimate, over one frame
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, T_world_camera=("K", 4, 4), pose_known=("K",),
+                      T_previous_camera=("K", 4, 4), step_known=("K",))
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectMotions:
+    """Estimated object motions, one row for each track and frame, ordered by frame."""
+
+    frame: Array                # (M,) int: the frame the motion ends in
+    track: Array                # (M,) int
+    H_world: Array              # (M, 4, 4) in the estimate's world
+    centroid_world: Array       # (M, 3) at the frame before
+    T_world_camera: Array       # (M, 4, 4) the estimated camera at the frame before
+    stands_on: Array            # (M,) int: true object under the track's label; NO_OBJECT if none
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, frame=("M",), track=("M",), H_world=("M", 4, 4),
+                      centroid_world=("M", 3), T_world_camera=("M", 4, 4), stands_on=("M",))
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+def camera_from_poses(T_world_camera: Array, known: Array) -> CameraEstimates:
+    """Estimates whose motions are those between the poses (K, 4, 4) known (K,) in a row."""
+    steps = np.broadcast_to(np.eye(4), T_world_camera.shape).copy()
+    step_known = np.zeros(len(known), dtype=bool)
+    steps[1:] = se3.inverse(T_world_camera[:-1]) @ T_world_camera[1:]
+    step_known[1:] = known[1:] & known[:-1]
+    return CameraEstimates(T_world_camera, known, steps, step_known)
+
+
+def online_camera(estimates: Sequence[FrameEstimate], one_frame: Array) -> CameraEstimates:
+    """What `process` returned, when it returned it.
+
+    Args:
+        estimates: one for each frame. A lost frame has neither pose nor motion.
+        one_frame: (K,) bool: the system had seen the frame before this one, so that its motion
+            spans one frame.
+    """
+    tracked = np.array([e.status is Status.TRACKED for e in estimates], dtype=bool)
+    first = np.array([e.status is Status.FIRST for e in estimates], dtype=bool)
+    return CameraEstimates(
+        stacked([e.T_world_camera for e in estimates]), tracked | first,
+        stacked([e.T_previous_camera for e in estimates]), tracked & one_frame)
+
+
+def online_motions(estimates: Sequence[FrameEstimate], one_frame: Array,
+                   true_of_label: Sequence[Mapping[int, int]]) -> ObjectMotions:
+    """The object motions of `process`, with the true object under each track's mask label.
+
+    The camera at the frame before is X̂_k (X̂_{k-1}⁻¹X̂_k)⁻¹, in the world the motion is given in.
+    """
+    rows = [(k, track, motion, estimate)
+            for k, estimate in enumerate(estimates)
+            if estimate.status is not Status.LOST and one_frame[k]
+            for track, motion in sorted(estimate.objects.items())]
+    previous = [e.T_world_camera @ se3.inverse(e.T_previous_camera) for _, _, _, e in rows]
+    return ObjectMotions(
+        np.array([k for k, _, _, _ in rows], dtype=np.int64),
+        np.array([track for _, track, _, _ in rows], dtype=np.int64),
+        stacked([motion.H_world for _, _, motion, _ in rows]),
+        np.array([motion.centroid_world for _, _, motion, _ in rows]).reshape(-1, 3),
+        stacked(previous),
+        np.array([true_of_label[k].get(motion.instance_id, NO_OBJECT)
+                  for k, _, motion, _ in rows], dtype=np.int64))
+
+
+def batch_camera(result: SlamResult, seen: Array) -> CameraEstimates:
+    """What `finish` returned; `seen` (K,) bool are the frames that the system was given.
+
+    Raises:
+        ValueError: the result has not one pose for each frame seen.
+    """
+    if len(result.T_world_camera) != int(np.count_nonzero(seen)):
+        raise ValueError(f"finish() returned {len(result.T_world_camera)} poses for "
+                         f"{int(np.count_nonzero(seen))} frames")
+    T = np.broadcast_to(np.eye(4), (len(seen), 4, 4)).copy()
+    known = np.zeros(len(seen), dtype=bool)
+    T[seen] = result.T_world_camera
+    known[seen] = [status is not Status.LOST for status in result.status]
+    return camera_from_poses(T, known)
+
+
+def batch_motions(result: SlamResult, camera: CameraEstimates) -> ObjectMotions:
+    """The object motions of `finish`. Nothing says on which labels they stand."""
+    tracks = sorted(result.objects.items())
+    frame = np.concatenate([np.zeros(0, np.int64)] + [t.frames for _, t in tracks])
+    frame = frame.astype(np.int64)
+    track = np.repeat(np.array([number for number, _ in tracks], dtype=np.int64),
+                      [len(t.frames) for _, t in tracks])
+    H = np.concatenate([np.zeros((0, 4, 4))] + [t.H_world for _, t in tracks])
+    centroid = np.concatenate([np.zeros((0, 3))] + [t.centroid_world for _, t in tracks])
+    return motions_of_rows(frame, track, H, centroid, camera)
+
+
+def motions_of_rows(frame: Array, track: Array, H_world: Array, centroid_world: Array,
+                    camera: CameraEstimates) -> ObjectMotions:
+    """Rows of any order as object motions, those left out that begin before frame 0, or end
+    beyond the last frame, or have no camera pose to be seen from."""
+    inside = (frame >= 1) & (frame < len(camera.pose_known))
+    inside[inside] = camera.pose_known[frame[inside] - 1]
+    rows = np.flatnonzero(inside)
+    rows = rows[np.lexsort((track[rows], frame[rows]))]
+    return ObjectMotions(frame[rows], track[rows], H_world[rows], centroid_world[rows],
+                         camera.T_world_camera[frame[rows] - 1],
+                         np.full(len(rows), NO_OBJECT, dtype=np.int64))
+
+
+def stacked(transforms: Sequence[Array]) -> Array:
+    """A list of (4, 4) as one (N, 4, 4), N ≥ 0."""
+    return np.array(transforms, dtype=np.float64).reshape(-1, 4, 4)
