@@ -89,14 +89,20 @@ def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
     if depth == "given" and "depth" not in holds:
         raise UserError(f"--depth given: {name} holds no depth; use --depth "
                         + ("stereo" if "stereo" in holds else "truth"))
-    return replace(choice, depth=depth, flow=_fallback("flow", flow, "dis", sequence),
+    return replace(choice, depth=_as_rendered(depth, sequence),
+                   flow=_fallback("flow", flow, "dis", sequence),
                    masks=_fallback("masks", masks, "none", sequence),
                    boxes=_fallback("boxes", boxes, "none", sequence))
 
 
+def _as_rendered(value: str, sequence: Sequence) -> str:
+    """What a sequence gives that is rendered as it is asked for is the truth."""
+    return "truth" if value == "given" and hasattr(sequence, "render_blurred") else value
+
+
 def _fallback(option: str, value: str, instead: str, sequence: Sequence) -> str:
     if value != "given" or option in sequence.holds:
-        return value
+        return _as_rendered(value, sequence)
     log.warning("%s holds no %s: --%s given falls back to %s", sequence.name, option, option,
                 instead)
     return instead
@@ -144,12 +150,13 @@ class Feed:
         """
         if not 0 <= k < self._length:
             raise IndexError(f"frame {k} of {self._length}")
-        recorded = self._record(k)
-        rgb = self._rgb(recorded, k)
-        labels, self._objects[k] = self._masks(recorded, rgb, k)
-        return replace(recorded, index=k, rgb=rgb, depth_m=clean_depth(self._depth(recorded, k)),
-                       instance_id=labels, boxes=self._boxes(recorded, k),
-                       flow=None if k == 0 else self._flow(recorded, k))
+        rgb = self._rgb(k)
+        labels, self._objects[k] = self._masks(rgb, k)
+        return Frame(
+            index=k, stamp_s=float(self.sequence.stamps_s[k]), rgb=rgb,
+            depth_m=clean_depth(self._depth(k)), intrinsics=self.intrinsics, instance_id=labels,
+            boxes=self._boxes(k), flow=None if k == 0 else self._flow(k),
+            right=self._record(k).right if "stereo" in self.sequence.holds else None)
 
     def true_object_of_label(self, k: int) -> dict[int, int]:
         """Mask label in frame k → true instance id; labels that stand on no object are absent.
@@ -158,8 +165,7 @@ class Feed:
             BadFrame: the frame's files cannot be read.
         """
         if k not in self._objects:
-            recorded = self._record(k)
-            self._objects[k] = self._masks(recorded, self._rgb(recorded, k), k)[1]
+            self._objects[k] = self._masks(self._rgb(k), k)[1]
         return dict(self._objects[k])
 
     @property
@@ -171,30 +177,37 @@ class Feed:
     def _record(self, k: int) -> Frame:
         return _kept(self._recorded, k, lambda: self.sequence.frame(k))
 
-    def _rgb(self, recorded: Frame, k: int) -> Array:
-        rgb = recorded.rgb
+    def _picture(self, k: int) -> Array:
+        """The image before the sensor; a rendered sequence need not make the rest of its frame."""
+        rendered = getattr(self.sequence, "rgb", None)
+        return self._record(k).rgb if rendered is None else rendered(k)
+
+    def _rgb(self, k: int) -> Array:
         if self.sensor.exposure_s > 0:
             blurred = getattr(self.sequence, "render_blurred", None)
             if blurred is None:
                 raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
                                 f"{self.sequence.name} is on disk; generate it with this sensor")
-            rgb = blurred(k, self.sensor.exposure_s)
+            rgb = blurred(k, self.sensor.exposure_s, self.sensor.exposure_subframes)
+        else:
+            rgb = self._picture(k)
         if self.sensor.rgb is None:
             return rgb
         return apply_rgb_noise(rgb, self.sensor.rgb, generator(self.seed, Stage.RGB, k))
 
-    def _depth(self, recorded: Frame, k: int) -> Array:
-        if self.choice.depth == "given":
-            return recorded.depth_m
-        if self.choice.depth == "stereo":
-            return _stereo_depth(recorded)
+    def _depth(self, k: int) -> Array:
+        kind = self.choice.depth
+        if kind == "given":
+            return self._record(k).depth_m
+        if kind == "stereo":
+            return _stereo_depth(self._record(k))
         depth_m = self._truth.frame(k).depth_m
-        if self.choice.depth == "truth":
+        if kind == "truth":
             return depth_m
         return apply_depth_noise(depth_m, self.intrinsics, self.sensor.depth,
                                  generator(self.seed, Stage.DEPTH, k))
 
-    def _masks(self, recorded: Frame, rgb: Array, k: int) -> tuple[Array | None, dict[int, int]]:
+    def _masks(self, rgb: Array, k: int) -> tuple[Array | None, dict[int, int]]:
         """(H, W) int32 labels, and the true object of each."""
         kind = self.choice.masks
         if kind == "none":
@@ -203,7 +216,7 @@ class Feed:
         if kind in ("truth", "noisy"):
             masks = true
         else:
-            masks = recorded.instance_id if kind == "given" else hsv_masks(rgb)
+            masks = self._record(k).instance_id if kind == "given" else hsv_masks(rgb)
         if masks is None:
             return None, {}
         if kind == "noisy":
@@ -212,23 +225,23 @@ class Feed:
             masks, _ = shuffle_labels(masks, generator(self.seed, Stage.LABELS, k))
         return masks, {} if true is None else majority_objects(masks, true)
 
-    def _boxes(self, recorded: Frame, k: int) -> Boxes2D | None:
+    def _boxes(self, k: int) -> Boxes2D | None:
         if self.choice.boxes == "none":
             return None
         if self.choice.boxes == "given":
-            return recorded.boxes
+            return self._record(k).boxes
         true = self._truth.true_instances(k)
         if true is None:
             return None
         # Shuffled, lest the order of the boxes tell which object is which.
         return boxes_of_masks(shuffle_labels(true, generator(self.seed, Stage.BOXES, k))[0])
 
-    def _flow(self, recorded: Frame, k: int) -> FlowField | None:
+    def _flow(self, k: int) -> FlowField | None:
         kind = self.choice.flow
         if kind == "dis":
             return None
         if kind == "given":
-            return recorded.flow
+            return self._record(k).flow
         flow = self._truth.flow(k - 1, k)
         if kind == "truth":
             return FlowField(flow.flow_px, flow.valid & ~flow.leaving)
@@ -239,7 +252,7 @@ class Feed:
 
     def _noise_field(self, key: int, image: int) -> NoiseField:
         """The noise drawn for frame `key`, shaped by the image of frame `image`."""
-        rgb = self._record(image).rgb if self.flow_noise.shape == "structure" else None
+        rgb = self._picture(image) if self.flow_noise.shape == "structure" else None
         size = (self.intrinsics.height, self.intrinsics.width)
         return _kept(self._noise, key,
                      lambda: draw_noise(self.flow_noise, self.seed, key, size, rgb))

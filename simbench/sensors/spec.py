@@ -23,6 +23,7 @@ class SensorSpec:
     depth: DepthModel | None = None
     rgb: RgbNoise | None = None
     exposure_s: float = 0.0        # > 0: motion blur; the stamp is mid-exposure
+    exposure_subframes: int = 8    # pictures averaged over an exposure
     flow: FlowNoise = field(default_factory=FlowNoise)
     masks: MaskNoise = field(default_factory=MaskNoise)
 
