@@ -1,0 +1,206 @@
+"""Scenes by name and version: what there is to render, and how it moves with time and seed.
+
+The short way to a scene of your own is one MJCF file and one function of time:
+
+    def motion(time_s, seed, dials):
+        return {"camera": look_at((-3, 0, 1.5), (0, 0, 1)), "crate": pose((0, np.sin(time_s), 1))}
+
+    simbench.register_scene(name="Crate-v0", description="a crate", mjcf="crate.xml", motion=motion)
+
+The long way is a `build` function that edits the MjSpec from a seed and returns a `Staging`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.resources
+import importlib.util
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from numpy.typing import ArrayLike
+
+from simbench.errors import BadFile, UnknownName, UserError
+
+Dials = Mapping[str, float]
+# The name of a body (or "camera") to its pose T_world_body (4, 4) (the camera in OpenCV axes),
+# the name of a hinge or slide joint to its position (rad or m).
+Placement = Mapping[str, ArrayLike]
+Script = Callable[[float], Placement]                  # time in s
+Motion = Callable[[float, int, Dials], Placement]      # time in s, seed, dials
+
+_NAME = re.compile(r"[A-Za-z]\w*-v\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Dial:
+    """One number that makes a scene easier or harder."""
+
+    name: str
+    default: float
+    low: float
+    high: float
+    help: str
+
+
+# Every scene has these two: they act on whatever textures and lights the model holds.
+TEXTURE = Dial("texture", 1.0, 0.0, 1.0, "contrast of all textures; 0 leaves plain colours")
+LIGHT = Dial("light", 1.0, 0.1, 2.0, "brightness of all lights")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject:
+    """A body that, with everything below it, has a mask and an instance id of its own."""
+
+    body: str
+    rigid: bool | None = None   # None: rigid unless bodies below it have joints
+
+
+@dataclass(frozen=True, slots=True)
+class Staging:
+    """What a `build` function returns: the scripted part of the motion, and who is an object."""
+
+    script: Script
+    objects: tuple[SceneObject, ...] | None = None   # None: each moving child of the world
+
+
+Build = Callable[[mujoco.MjSpec, int, Dials], Staging]
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSpec:
+    """One version of one scene.
+
+    Either `motion` (the short way) or `build` (the long way) is given. Bodies with joints that
+    nothing scripts are left to physics.
+    """
+
+    name: str                   # ends in -v0, -v1, ...: a change of what is seen is a new version
+    description: str
+    mjcf: str | Path
+    motion: Motion | None = None
+    build: Build | None = None
+    objects: tuple[str | SceneObject, ...] | None = None
+    dials: tuple[Dial, ...] = field(default=())
+    width: int = 640
+    height: int = 480
+    fps: float = 30.0
+    frames: int = 300
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise UserError(f"scene name {self.name!r}: it must end in a version, as in 'Room-v0'")
+        if (self.motion is None) == (self.build is None):
+            raise UserError(f"scene {self.name}: give either motion=... or build=..., not both")
+        own = [d for d in (TEXTURE, LIGHT) if d.name not in {dial.name for dial in self.dials}]
+        object.__setattr__(self, "dials", (*self.dials, *own))
+
+    def resolve_dials(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All dials with their values: those given, else the defaults.
+
+        Raises:
+            UnknownName: a dial that this scene does not have.
+            UserError: a value that is no number or out of range.
+        """
+        values = {dial.name: dial.default for dial in self.dials}
+        for name, value in (given or {}).items():
+            if name not in values:
+                raise UnknownName(f"scene {self.name} has no dial {name!r}"
+                                  f"{_did_you_mean(name, values)}; it has {', '.join(values)}")
+            dial = next(dial for dial in self.dials if dial.name == name)
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                number = math.nan
+            if not dial.low <= number <= dial.high:
+                raise UserError(f"scene {self.name}: dial {name}={value} must be a number "
+                                f"from {dial.low:g} to {dial.high:g}")
+            values[name] = number
+        return values
+
+
+_SCENES: dict[str, SceneSpec] = {}
+
+
+def register_scene(spec: SceneSpec | None = None, /, **fields: Any) -> SceneSpec:
+    """Make a scene known by its name; either a SceneSpec or its fields as keywords.
+
+    Raises:
+        UserError: the fields do not make a scene, or the name is taken by another scene.
+    """
+    if spec is None:
+        try:
+            spec = SceneSpec(**fields)
+        except TypeError as error:
+            raise UserError(f"register_scene: {error}".replace("SceneSpec.__init__() ", "")) \
+                from None
+    known = _SCENES.get(spec.name)
+    if known is not None and known != spec:
+        raise UserError(f"scene {spec.name} is registered already; give yours another name "
+                        "or a higher version")
+    _SCENES[spec.name] = spec
+    return spec
+
+
+def find_scene(name: str) -> SceneSpec:
+    """The scene of that name.
+
+    `package.module:Name-v0` and `path/to/file.py:Name-v0` first import the module or run the file
+    that registers it.
+
+    Raises:
+        UnknownName: no such scene; the message has the nearest name.
+        BadFile: the module or file before the colon cannot be imported.
+    """
+    _load_builtin()
+    place, colon, short = name.rpartition(":")
+    if colon and short not in _SCENES:
+        _import_place(place)
+    if short not in _SCENES:
+        raise UnknownName(f"no scene {short!r}{_did_you_mean(short, _SCENES)}; "
+                          f"`simbench list` shows all {len(_SCENES)}")
+    return _SCENES[short]
+
+
+def list_scenes() -> tuple[SceneSpec, ...]:
+    """All registered scenes, by name."""
+    _load_builtin()
+    return tuple(_SCENES[name] for name in sorted(_SCENES))
+
+
+def scenes_folder() -> Path:
+    """Where the MJCF files of the built-in scenes lie: in the wheel, else in the checkout."""
+    installed = Path(str(importlib.resources.files("simbench"))) / "_scenes"
+    folder = installed if installed.is_dir() else Path(__file__).resolve().parent.parent / "scenes"
+    if not folder.is_dir():
+        raise BadFile(f"{folder}: the scene files are missing; install simbench again")
+    return folder
+
+
+def _load_builtin() -> None:
+    importlib.import_module("simbench.scenes_builtin")
+
+
+def _import_place(place: str) -> None:
+    try:
+        if place.endswith(".py"):
+            found = importlib.util.spec_from_file_location(Path(place).stem, place)
+            assert found is not None   # true of every name that ends in .py
+            assert found.loader is not None
+            found.loader.exec_module(importlib.util.module_from_spec(found))
+        else:
+            importlib.import_module(place)
+    except (ImportError, OSError, SyntaxError) as error:
+        raise BadFile(f"{place}: cannot be imported for its scenes: {error}") from error
+
+
+def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    by_lower = {each.lower(): each for each in known}
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
+    return f"; did you mean {by_lower[close[0]]!r}?" if close else ""

@@ -1,0 +1,3 @@
+"""The scenes that come with simbench; importing this package registers them."""
+
+from simbench.scenes_builtin import swinging_boxes as swinging_boxes
