@@ -23,7 +23,7 @@ class RefineConfig:
     blur_sigma_px: float = 0.8        # of both images: less interpolation bias and aliasing
     prior_sigma_px: float = 1.0       # how far the initial flow may be wrong, per axis
     iterations: int = 6
-    stop_px: float = 0.02             # a smaller step is the last: it leaves a tenth of itself
+    stop_px: float = 0.04             # a smaller step is the last: it leaves a sixth of itself
     max_move_px: float = 3.0          # farther from the initial position is a failure
     min_correlation: float = 0.8      # of template and patch, weighted, in [-1, 1]
     max_scale: float = 4.0            # of a warp's area; beyond it a patch is not alike
@@ -224,7 +224,7 @@ def _iterate(current: Array, start: Array, filters: _Filters,
         length = np.hypot(*step)
         step *= np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))
         uv[active] -= step.T
-        ended[active] = length < 5 * config.stop_px
+        ended[active] = length < 3 * config.stop_px
         active = active[length >= config.stop_px]
     return uv, correlation, residual, ended
 
