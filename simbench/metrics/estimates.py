@@ -92,20 +92,27 @@ def online_motions(estimates: Sequence[FrameEstimate], one_frame: Array,
                   for k, _, motion, _ in rows], dtype=np.int64))
 
 
-def batch_camera(result: SlamResult, seen: Array) -> CameraEstimates:
-    """What `finish` returned; `seen` (K,) bool are the frames that the system was given.
+def batch_camera(result: SlamResult, stamps_s: Array) -> CameraEstimates:
+    """What `finish` returned, its poses given to the frames with the same stamps (K,).
 
     Raises:
-        ValueError: the result has not one pose for each frame seen.
+        ValueError: a pose belongs to no frame, or two to the same.
     """
-    if len(result.T_world_camera) != int(np.count_nonzero(seen)):
-        raise ValueError(f"finish() returned {len(result.T_world_camera)} poses for "
-                         f"{int(np.count_nonzero(seen))} frames")
-    T = np.broadcast_to(np.eye(4), (len(seen), 4, 4)).copy()
-    known = np.zeros(len(seen), dtype=bool)
-    T[seen] = result.T_world_camera
-    known[seen] = [status is not Status.LOST for status in result.status]
+    frame = frames_of_stamps(stamps_s, result.stamps_s, 1e-4)
+    if np.any(frame < 0) or len(np.unique(frame)) < len(frame):
+        raise ValueError(f"the stamps of {len(frame)} poses are not those of "
+                         f"{len(stamps_s)} frames")
+    T = np.broadcast_to(np.eye(4), (len(stamps_s), 4, 4)).copy()
+    known = np.zeros(len(stamps_s), dtype=bool)
+    T[frame] = result.T_world_camera
+    known[frame] = [status is not Status.LOST for status in result.status]
     return camera_from_poses(T, known)
+
+
+def frames_of_stamps(stamps_s: Array, wanted_s: Array, tolerance_s: float) -> Array:
+    """(N,) index of the frame nearest to each wanted stamp; -1 beyond the tolerance."""
+    nearest = np.searchsorted((stamps_s[1:] + stamps_s[:-1]) / 2.0, wanted_s)
+    return np.asarray(np.where(np.abs(stamps_s[nearest] - wanted_s) <= tolerance_s, nearest, -1))
 
 
 def batch_motions(result: SlamResult, camera: CameraEstimates) -> ObjectMotions:
