@@ -1,0 +1,27 @@
+"""`simbench export`: a sequence in another layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simbench.cli.options import Calibration
+
+
+def export_command(
+        folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
+        layout: Annotated[str, typer.Option("--format", help="vdo or tum.")],
+        out: Annotated[Path, typer.Option("--out", metavar="DIR2", help="Folder to write.")],
+        calibration: Calibration = None) -> None:
+    """Write a sequence in a layout that other programs read."""
+    from simbench.cli.progress import frame_progress
+    from simbench.export import find_exporter
+    from simbench.sequence import open_sequence
+
+    exporter = find_exporter(layout)
+    sequence = open_sequence(folder, calibration)
+    with frame_progress(f"export {layout}", len(sequence)) as advance:
+        exporter(sequence, out, advance)
+    typer.echo(f"{out}: {len(sequence)} frames in the {layout} layout")

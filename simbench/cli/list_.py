@@ -1,0 +1,26 @@
+"""`simbench list`: what there is, one line each."""
+
+from __future__ import annotations
+
+import typer
+
+
+def list_command() -> None:
+    """Scenes with their dials, systems and sensors."""
+    from simbench.scene import list_scenes
+    from simbench.sensors.spec import SENSORS
+    from slam.systems.registry import descriptions
+
+    typer.echo("Scenes")
+    for scene in list_scenes():
+        typer.echo(f"  {scene.name:<20} {scene.description} "
+                   f"({scene.width}x{scene.height}, {scene.fps:g} fps)")
+        for dial in scene.dials:
+            typer.echo(f"      --dial {dial.name}={dial.default:g}".ljust(34)
+                       + f"{dial.low:g} to {dial.high:g}: {dial.help}")
+    typer.echo("\nSystems")
+    for name, text in descriptions().items():
+        typer.echo(f"  {name:<20} {text}")
+    typer.echo("\nSensors")
+    for sensor in SENSORS.values():
+        typer.echo(f"  {sensor.name:<20} {sensor.help}")

@@ -1,0 +1,63 @@
+"""Options that several commands share, and their text turned into values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Annotated
+
+import typer
+
+from simbench.errors import UserError
+
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the scene and of all noise.")]
+Frames = Annotated[int | None, typer.Option(
+    "--frames", min=1, help="How many frames; the scene's own number by default.")]
+Size = Annotated[str | None, typer.Option(
+    "--size", metavar="WxH", help="Image size in pixels, as 640x480; the scene's by default.")]
+Fps = Annotated[float | None, typer.Option(
+    "--fps", help="Frames per second; the scene's by default.")]
+Sensor = Annotated[str, typer.Option(
+    "--sensor", help="Sensor model by name; `simbench list` shows all.")]
+Texture = Annotated[float | None, typer.Option(
+    "--texture", min=0.0, max=1.0, help="Contrast of all textures: 0 plain colours, 1 full.")]
+Rigidity = Annotated[float | None, typer.Option(
+    "--rigidity", min=0.0, max=1.0, help="1 rigid objects; lower, the more they deform.")]
+DialValues = Annotated[list[str] | None, typer.Option(
+    "--dial", metavar="NAME=VALUE", help="Any dial of the scene; may be given several times.")]
+Workers = Annotated[int, typer.Option("--workers", min=1, help="Processes that render.")]
+Calibration = Annotated[str | None, typer.Option(
+    "--calibration", metavar="FILE",
+    help="calibration.yaml of a folder that has none, or instead of its own.")]
+
+
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """"640x480" to (640, 480). Raises UserError when it is anything else."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip().lower())
+    if match is None:
+        raise UserError(f"--size {text}: wanted width and height as in 640x480")
+    return int(match[1]), int(match[2])
+
+
+def collect_dials(dials: Iterable[str] | None, texture: float | None,
+                  rigidity: float | None) -> dict[str, float]:
+    """The dials given by --dial, --texture and --rigidity; the rest stay the scene's defaults.
+
+    Raises:
+        UserError: not NAME=VALUE, VALUE no number, or a dial given twice.
+    """
+    values = {name: value for name, value in (("texture", texture), ("rigidity", rigidity))
+              if value is not None}
+    for text in dials or ():
+        name, equals, number = text.partition("=")
+        if not equals or not name:
+            raise UserError(f"--dial {text}: wanted NAME=VALUE, as in speed=0.5")
+        if name in values:
+            raise UserError(f"--dial {text}: dial {name!r} is given twice")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise UserError(f"--dial {text}: {number!r} is not a number") from None
+    return values

@@ -1,0 +1,32 @@
+"""`simbench verify`: every hash and invariant of a sequence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simbench.cli.options import Calibration
+from simbench.errors import UserError
+
+_SHOWN = 20   # problems listed; the count tells of the rest
+
+
+def verify_command(
+        folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
+        calibration: Calibration = None) -> None:
+    """Check every hash and invariant of a sequence."""
+    from simbench.cli.progress import frame_progress
+    from simbench.sequence import open_sequence
+    from simbench.verify import check_sequence
+
+    sequence = open_sequence(folder, calibration)
+    with frame_progress("verify", len(sequence)) as advance:
+        problems = check_sequence(folder, sequence, advance)
+    for problem in problems[:_SHOWN]:
+        typer.echo(problem)
+    if problems:
+        raise UserError(f"{folder}: {len(problems)} problem{'s' * (len(problems) > 1)}, the first: "
+                        f"{problems[0]}; restore the files or generate the sequence again")
+    typer.echo(f"{folder}: {len(sequence)} frames, all good")
