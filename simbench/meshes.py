@@ -128,7 +128,8 @@ def bake_static_boxes(spec: mujoco.MjSpec, tile_m: float = 0.8) -> None:
         if model.body_weldid[body.id] == 0 and not body.find_all("geom"):
             spec.delete(body)
     for name, builder in builders.items():
-        spec.material(name).texrepeat = (1.0, 1.0)
+        # MuJoCo would make texture coordinates of its own for a material with texuniform.
+        spec.material(name).texrepeat, spec.material(name).texuniform = (1.0, 1.0), False
         builder.add_to(spec, f"static {name}")
         visible_geom(spec.worldbody, f"static {name}", name)
 

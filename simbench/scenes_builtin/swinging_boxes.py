@@ -98,9 +98,9 @@ class _Hand:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> _Hand:
-        band = (0.06, 0.45)
+        band = (0.08, 0.6)
         return cls(Wander.draw(rng, (0.14, 0.26, 0.11), band),
-                   Wander.draw(rng, (0.10, 0.16, 0.10), band),
+                   Wander.draw(rng, (0.12, 0.20, 0.12), band),
                    Wander.draw(rng, (np.deg2rad(3.5),), band))
 
     def pose(self, time_s: float) -> Array:
@@ -155,24 +155,38 @@ def _direction(heading: float) -> Array:
 
 
 def _spread(rng: np.random.Generator, count: int) -> tuple[Array, float]:
-    """Places (count, 2) in the camera's view, pushed apart, and their smallest distance (m)."""
-    near, far, slope = -0.35, 1.45, 0.42
+    """Places (count, 2) in the camera's view and their smallest distance (m)."""
+    places = _zigzag(rng, count) if count <= 5 else _pushed_apart(rng, count)
+    gap = np.linalg.norm(places[:, None] - places[None, :], axis=-1) + np.eye(count) * 1e9
+    return places, float(min(gap.min(), 1.5))
+
+
+def _zigzag(rng: np.random.Generator, count: int) -> Array:
+    """Few boxes side by side as the camera sees them, in turn near and far."""
+    slope = (np.arange(count) - (count - 1) / 2.0) * min(0.25, 0.75 / max(count - 1, 1))
+    is_far = (np.arange(count) + rng.integers(2)) % 2
+    depth = np.where(is_far, 3.55, 2.35) + rng.uniform(-0.12, 0.12, count)
+    slope = slope + rng.uniform(-0.02, 0.02, count)
+    return _CAMERA_M[:2] + np.stack([depth, slope * depth], axis=-1)
+
+
+def _pushed_apart(rng: np.random.Generator, count: int) -> Array:
+    """Many boxes anywhere in view, driven apart as by springs."""
+    near, far, slope = 2.1, 4.1, 0.42
 
     def inside(points: Array) -> Array:
-        x = np.clip(points[:, 0], near, far)
-        half_width = slope * (x - _CAMERA_M[0]) - 0.1
-        return np.stack([x, np.clip(points[:, 1], -half_width, half_width)], axis=-1)
+        depth = np.clip(points[:, 0], near, far)
+        half_width = slope * depth - 0.1
+        return np.stack([depth, np.clip(points[:, 1], -half_width, half_width)], axis=-1)
 
     points = inside(rng.uniform([near, -1.6], [far, 1.6], size=(count, 2)))
-    distance = np.full((1, 1), np.inf)
     for step in range(400):
         gap = points[:, None] - points[None, :]
         distance = np.linalg.norm(gap, axis=-1) + np.eye(count) * 1e9
         push = np.sum(gap / distance[..., None] ** 4, axis=1)
         length = np.linalg.norm(push, axis=1, keepdims=True)
         points = inside(points + 0.04 * (1.0 - step / 400.0) * push / np.maximum(length, 1e-9))
-    gap = np.linalg.norm(points[:, None] - points[None, :], axis=-1) + np.eye(count) * 1e9
-    return points, float(min(gap.min(), 1.5))
+    return np.asarray(points + _CAMERA_M[:2])
 
 
 def _hang(spec: mujoco.MjSpec, box: _Box, rng: np.random.Generator, hue: float,
