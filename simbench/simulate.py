@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from simbench.errors import UserError
+from simbench.exposure import mean_in_linear_light
 from simbench.render import Renderer
 from simbench.sequence import IteratesFrames
 from simbench.truth import RayCaster, flow_between, visible_edges
@@ -168,11 +169,11 @@ class SimulatedSequence(IteratesFrames):
         half_s = min(0.5 * exposure_s, middle_s)
         offsets_s = half_s * ((2.0 * np.arange(subframes) + 1.0) / subframes - 1.0)
         world = self.truth.world_at(max(k - 1, 0))
-        light = np.zeros((self.intrinsics.height, self.intrinsics.width, 3), np.float32)
+        pictures = []
         for offset_s in offsets_s:
             world.advance_to(middle_s + float(offset_s))
-            light += _LINEAR_OF_SRGB[self._renderer.rgb(world)]
-        return _srgb_of_linear(light / np.float32(subframes))
+            pictures.append(self._renderer.rgb(world))
+        return mean_in_linear_light(pictures)
 
     def fingerprint(self) -> str:
         """SHA-256 of scene, version, seed, dials, size, stamps, renderer and MuJoCo version."""
@@ -199,21 +200,3 @@ class _Memory:
 
 def _as_field(flow: FlowTruth) -> FlowField:
     return FlowField(flow_px=flow.flow_px, valid=flow.valid & ~flow.leaving)
-
-
-def _linear_table() -> Array:
-    """(256,) float32 linear light of each sRGB byte (IEC 61966-2-1)."""
-    value = np.arange(256) / 255.0
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
-
-
-_LINEAR_OF_SRGB = _linear_table()
-# Between the linear values of neighbouring bytes the nearer byte begins at their middle in sRGB.
-_STEPS = 4096
-
-
-def _srgb_of_linear(light: Array) -> Array:
-    value = np.where(light <= 0.0031308, 12.92 * light,
-                     1.055 * np.maximum(light, 1e-9) ** (1.0 / 2.4) - 0.055)
-    return np.clip(np.rint(255.0 * value), 0, 255).astype(np.uint8)

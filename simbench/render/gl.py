@@ -43,7 +43,7 @@ def choose_platform() -> str:
         chosen = next((name for name in candidates if platform_works(name)), None)
         if chosen is None:
             raise NoOpenGL(
-                f"no OpenGL for off-screen rendering ({' and '.join(candidates)} cannot be loaded): "
+                f"no OpenGL to render with ({' and '.join(candidates)} cannot be loaded): "
                 "install libegl1 libgl1-mesa-dri libgles2 (or libosmesa6) with apt-get")
     _select(os.environ, chosen)
     return chosen

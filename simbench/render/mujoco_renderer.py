@@ -139,7 +139,7 @@ def _plain_option() -> Any:
 
 
 def _buffers(model: Any, width: int, height: int, samples: int) -> Any:
-    """An MjrContext of this size, whatever the model's own settings are; those stay as they were."""
+    """An MjrContext of this size, whatever the model's own settings, which stay as they were."""
     view, quality = model.vis.global_, model.vis.quality
     kept = view.offwidth, view.offheight, quality.offsamples
     view.offwidth, view.offheight, quality.offsamples = width, height, samples
@@ -185,4 +185,9 @@ def _close_all_at_exit() -> None:
 
     Functions at exit run last in, first out, and the platform has entered its own by now.
     """
-    atexit.register(lambda: [renderer.close() for renderer in list(_live)])
+    atexit.register(_close_all)
+
+
+def _close_all() -> None:
+    for renderer in list(_live):
+        renderer.close()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-
-import numpy as np
-
-from simbench.truth.motion import carry, scene_flow
+from simbench.truth.motion import part_motions, scene_flow
 from simbench.truth.rays import RayCaster
-from simbench.truth.visibility import fates
+from simbench.truth.visibility import follow
 from simbench.types import FlowTruth, FrameTruth, SceneLayout
 
 
@@ -21,19 +18,13 @@ def flow_between(truth_i: FrameTruth, truth_j: FrameTruth, layout: SceneLayout,
     sky are nothing of all this, and are not `newly_visible`.
     """
     intrinsics = layout.intrinsics
-    carried = carry(truth_i, truth_j, intrinsics)
-    forward = fates(truth_i, carried, truth_j, intrinsics, caster)
-    backward = fates(truth_j, carry(truth_j, truth_i, intrinsics), truth_i, intrinsics, caster)
-    height, width = truth_i.depth_m.shape
-    flow = np.zeros((height, width, 2), np.float32)
-    np.subtract(carried.u_px, np.arange(width), out=flow[..., 0], where=forward.ahead,
-                casting="same_kind")
-    np.subtract(carried.v_px, np.arange(height)[:, None], out=flow[..., 1], where=forward.ahead,
-                casting="same_kind")
+    motions = part_motions(truth_i, truth_j)
+    there = follow(truth_i, truth_j, motions, intrinsics, caster)
+    back = follow(truth_j, truth_i, part_motions(truth_j, truth_i), intrinsics, caster)
     return FlowTruth(
-        flow_px=flow,
-        scene_flow_m=scene_flow(truth_i, truth_j, intrinsics),
-        valid=forward.ahead,
-        occluded=forward.hidden,
-        leaving=(truth_i.part_id >= 0) & ~forward.inside,
-        newly_visible=(truth_j.part_id >= 0) & ~(backward.inside & ~backward.hidden))
+        flow_px=there.flow_px,
+        scene_flow_m=scene_flow(truth_i, motions, intrinsics),
+        valid=there.ahead,
+        occluded=there.hidden,
+        leaving=(truth_i.part_id >= 0) & ~there.inside,
+        newly_visible=(truth_j.part_id >= 0) & ~(back.inside & ~back.hidden))
