@@ -31,6 +31,22 @@ class GridConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class FlowConfig:
+    """The system's own flow, where none is given."""
+
+    preset: Literal["ultrafast", "fast", "medium"] = "fast"
+    predict: bool = True              # estimate only what the expected motion leaves
+
+
+@dataclass(frozen=True, slots=True)
+class PointsConfig:
+    """Corners that are followed over many frames."""
+
+    static_count: int = 1000
+    object_count: int = 250           # on each object
+
+
+@dataclass(frozen=True, slots=True)
 class MotionConfig:
     """Robust Levenberg-Marquardt on eq. (3) and (4)."""
 
@@ -55,6 +71,8 @@ class StartConfig:
     iterations: int = 80
     threshold_px: float = 2.0         # at least; 4 σ of the flow where that is more
     min_points: int = 6               # fewer: no motion is estimated
+    min_inlier_share: float = 0.2     # of the static matches; below it the frame is lost
+    give_up_after: int = 10           # lost frames in a row; then tracking starts afresh
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +90,21 @@ class DynamicConfig:
 
 @dataclass(frozen=True, slots=True)
 class SegmentsConfig:
-    """Line segments: how many are followed, and when new ones are sought."""
+    """Line segments: which are sought and how long they are followed."""
 
     enabled: bool = True              # False: points only, as VDO-SLAM
-    detect_every: int = 1             # frames between detections
-    max_count: int = 300
+    detector: Literal["edge_drawing", "lsd"] = "edge_drawing"   # the paper: lsd
+    min_length_px: float = 25.0
+    max_count: int = 250              # the longest are kept
+    unseen_frames: int = 5            # frames that flow alone may carry a segment
 
 
 @dataclass(frozen=True, slots=True)
 class RefineConfig:
-    """Sub-pixel alignment of the matches on the images, where the flow is estimated."""
+    """Sub-pixel alignment of the matches on the images."""
 
-    use: Literal["auto", "always", "never"] = "auto"   # auto: when the system estimates the flow
-    patch_px: int = 11
+    use: Literal["auto", "always", "never"] = "auto"   # auto: where the system estimates the flow
+    grid_sigma_px: float = 1.0        # what a cell of estimated flow is trusted beside them
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +112,8 @@ class SdplConfig:
     """Everything SDPL-SLAM's tracking can be told."""
 
     noise: NoiseConfig = field(default_factory=NoiseConfig)
+    flow: FlowConfig = field(default_factory=FlowConfig)
+    points: PointsConfig = field(default_factory=PointsConfig)
     grid: GridConfig = field(default_factory=GridConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     start: StartConfig = field(default_factory=StartConfig)

@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import cv2
 import numpy as np
 
-from slam.frontend.sampling import inside, neighbours
+from slam.frontend.sampling import bilinear, inside, neighbours
 from slam.geometry.arrays import Array
 from slam.types import FlowField, Intrinsics
 
@@ -116,14 +116,26 @@ def sample_flow(flow: FlowField, uv_px: Array,
     if flow.valid is not None:
         known &= flow.valid.reshape(-1)[index]
     best = np.argmax(weight, axis=0)[None]
-    whole = known.all(axis=0)
+    whole = np.asarray(known.all(axis=0))
     if instance_id is not None:
         label = instance_id.reshape(-1)[index]
-        whole &= (label == label[0]).all(axis=0)
+        whole = whole & (label == label[0]).all(axis=0)
     weight = np.where(whole, weight, np.arange(4)[:, None] == best)
     out = np.where(known[..., None], four, 0.0)
     valid = np.take_along_axis(known, best, 0)[0] & inside(uv_px, (height, width))
     return (out * weight[..., None]).sum(axis=0), valid
+
+
+def local_warps(flow_px: Array, uv_px: Array, reach_px: int = 4) -> Array:
+    """(N, 2, 2) warps of small offsets around positions (N, 2): the identity plus the flow's slope.
+
+    The slope is taken `reach_px` to each side, so the flow has to be smooth there: one predicted
+    from depth, at points off the borders of objects.
+    """
+    step = float(reach_px) * np.eye(2)
+    slope = np.stack([bilinear(flow_px, uv_px + step[k]) - bilinear(flow_px, uv_px - step[k])
+                      for k in range(2)], axis=-1) / (2.0 * reach_px)
+    return np.asarray(np.eye(2) + slope)
 
 
 def round_trip_error(forward: FlowField, backward: FlowField, uv_px: Array) -> Array:

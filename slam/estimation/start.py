@@ -1,0 +1,46 @@
+"""Where the refinement starts: P3P in RANSAC (III-B), or the predicted motion if that fits better."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from slam.config import StartConfig
+from slam.geometry import camera as pinhole
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.matches import PointMatches, take
+from slam.types import Intrinsics
+
+
+def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, sigma_px: float,
+                 candidates: Array) -> Array | None:
+    """The pose T_a_b (4, 4) that the most matches support, or None with too few matches.
+
+    Args:
+        points: matches of one rigid motion.
+        sigma_px: standard deviation of their flow.
+        candidates: (M, 4, 4) poses to try besides P3P's: the predicted motion, standing still.
+    """
+    usable = np.flatnonzero(points.rho_a > 0)
+    if len(usable) < config.min_points:
+        return None
+    step = max(1, len(usable) // config.max_points)
+    sample = take(points, usable[::step])
+    xyz = pinhole.back_project(camera, sample.uv_a, 1.0 / sample.rho_a)
+    threshold = max(config.threshold_px, 4.0 * sigma_px)
+    tried = [*candidates]
+    found, rotation, translation, _ = cv2.solvePnPRansac(
+        xyz, sample.uv_b, camera.matrix, None, iterationsCount=config.iterations,
+        reprojectionError=threshold, confidence=0.999, flags=cv2.SOLVEPNP_P3P)
+    if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
+        T_b_a = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
+        tried.append(se3.inverse(T_b_a))
+    return min(tried, key=lambda T: _truncated_cost(T, xyz, sample.uv_b, camera, threshold))
+
+
+def _truncated_cost(T_a_b: Array, xyz: Array, uv_b: Array, camera: Intrinsics,
+                    threshold_px: float) -> float:
+    uv = pinhole.project(camera, se3.transform_points(se3.inverse(T_a_b), xyz))
+    square = np.sum((uv - uv_b) ** 2, axis=1)
+    return float(np.minimum(np.nan_to_num(square, nan=np.inf), threshold_px**2).sum())

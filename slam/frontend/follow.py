@@ -1,0 +1,190 @@
+"""Corners and segments carried from the previous frame to the current one by dense flow (III-B)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.config import NoiseConfig
+from slam.frontend.flow import sample_flow
+from slam.frontend.refine import RefineConfig, refine_matches
+from slam.frontend.sampling import depth_at, inside, nearest
+from slam.geometry.arrays import Array
+from slam.matches import LineMatches, PointMatches
+from slam.types import FlowField, Points2D, Segments2D
+
+CORNER_KIND = 2          # PointMatches.kind of corners that dense flow carried
+REFINED_KIND = 3         # of corners aligned on the images
+_SAMPLES = 8             # positions along a segment where the flow is read
+
+
+def inverse_depth(depth_m: Array) -> Array:
+    """1/z, and 0 where there is no depth."""
+    depth = np.asarray(depth_m)
+    return np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
+
+
+def follow_points(points: Points2D, group_a: Array, flow: FlowField, labels_a: Array,
+                  depth_b: Array, group_b: Array, noise: NoiseConfig) -> tuple[PointMatches, Array]:
+    """Corners of frame a where the flow carries them, if they stay on their own motion's pixels.
+
+    Args:
+        group_a: (N,) motion group of each point; < 0 = none.
+        labels_a: (H, W) masks of a, so that flow is not mixed across their borders.
+        group_b: (H, W) uint8 motion group of each pixel of b, 255 = none.
+    Returns:
+        the matches, and which points they belong to (M,).
+    """
+    flow_at, known = sample_flow(flow, points.uv_px, labels_a)
+    uv_b = points.uv_px + flow_at
+    known &= (points.depth_m > 0) & (group_a >= 0) & inside(uv_b, depth_b.shape, 2.0)
+    index = np.flatnonzero(known)
+    index = index[nearest(group_b, uv_b[index]) == group_a[index]]
+    rho_a = inverse_depth(points.depth_m[index])
+    rho_b = inverse_depth(depth_at(depth_b, uv_b[index]))
+    n, sigma = len(index), noise.inverse_depth_sigma
+    return PointMatches(
+        uv_a=points.uv_px[index], rho_a=rho_a, rho_sigma_a=np.full(n, sigma), uv_b=uv_b[index],
+        flow_cov=np.broadcast_to(np.eye(2) * noise.flow_sigma_px**2, (n, 2, 2)),
+        rho_b=rho_b, rho_sigma_b=np.where(rho_b > 0, sigma, np.inf), group=group_a[index],
+        kind=np.full(n, CORNER_KIND)), index
+
+
+def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array | None, smooth_a: Array,
+                 smooth_b: Array, depth_b: Array, noise: NoiseConfig,
+                 config: RefineConfig) -> tuple[PointMatches, Array]:
+    """The matches aligned on the images, with the covariance that their patches give.
+
+    Args:
+        expected_uv_b: (N, 2) where the motions found so far put the points.
+        warps: (N, 2, 2) how the motions deform each patch.
+    Returns:
+        the matches that converged, and which they are (M,).
+    """
+    aligned = refine_matches(smooth_a, smooth_b, matches.uv_a, expected_uv_b, config, warps)
+    index = np.flatnonzero(aligned.converged)
+    uv_b = aligned.uv_current[index]
+    rho_b = inverse_depth(depth_at(depth_b, uv_b))
+    sigma = noise.inverse_depth_sigma
+    return PointMatches(
+        uv_a=matches.uv_a[index], rho_a=matches.rho_a[index],
+        rho_sigma_a=matches.rho_sigma_a[index], uv_b=uv_b, flow_cov=aligned.covariance[index],
+        rho_b=rho_b, rho_sigma_b=np.where(rho_b > 0, sigma, np.inf), group=matches.group[index],
+        kind=np.full(len(index), REFINED_KIND)), index
+
+
+def sample_positions(endpoints_px: Array) -> Array:
+    """(L, S, 2) positions evenly along segments (L, 2, 2), half a spacing from the ends."""
+    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    return (endpoints_px[:, None, 0] * (1 - t)[:, None] + endpoints_px[:, None, 1] * t[:, None])
+
+
+def follow_segments(segments: Segments2D, group_a: Array, flow: FlowField, labels_a: Array,
+                    group_b: Array, noise: NoiseConfig) -> tuple[LineMatches, Array]:
+    """Segments of frame a where the flow carries them: a' = a + φ_a, b' = b + φ_b.
+
+    The flow is read along the whole segment and fitted by a line, so that both endpoints have
+    the flow of many pixels.
+
+    Returns:
+        the matches, and which segments they belong to (M,).
+    """
+    positions = sample_positions(segments.endpoints_px)
+    flat = positions.reshape(-1, 2)
+    flow_at, known = sample_flow(flow, flat, labels_a)
+    there = flat + flow_at
+    known &= inside(there, group_b.shape, 1.0)
+    known &= nearest(group_b, there) == np.repeat(group_a, _SAMPLES)
+    known = known.reshape(-1, _SAMPLES)
+    index = np.flatnonzero((known.sum(axis=1) >= 0.75 * _SAMPLES)
+                           & (segments.depth_m > 0).all(axis=1) & (group_a >= 0))
+    endpoints_b, sigma = fit_endpoints(segments.endpoints_px[index],
+                                       flow_at.reshape(-1, _SAMPLES, 2)[index],
+                                       known[index].astype(np.float64))
+    rho_a = inverse_depth(segments.depth_m[index])
+    return LineMatches(
+        endpoints_a=segments.endpoints_px[index], rho_a=rho_a,
+        rho_sigma_a=np.full(rho_a.shape, noise.inverse_depth_sigma / 2.0),   # a fit of 16 depths
+        endpoints_b=endpoints_b, flow_sigma=noise.flow_sigma_px * sigma,
+        group=group_a[index]), index
+
+
+def align_segments(lines: LineMatches, expected_b: Array, smooth_a: Array, smooth_b: Array,
+                   config: RefineConfig) -> tuple[LineMatches, Array]:
+    """Segments aligned on the images: each sample moves across the line, never along it.
+
+    Args:
+        expected_b: (L, 2, 2) where the motions found so far put the endpoints.
+    Returns:
+        the matches that converged, and which they are (M,).
+    """
+    at_a = sample_positions(lines.endpoints_a)
+    at_b = sample_positions(expected_b)
+    aligned = refine_matches(smooth_a, smooth_b, at_a.reshape(-1, 2), at_b.reshape(-1, 2), config)
+    along = expected_b[:, 1] - expected_b[:, 0]
+    length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length
+    moved = (aligned.uv_current.reshape(at_b.shape) - at_b) @ normal[:, :, None]
+    variance = np.einsum("li,lsij,lj->ls", normal,
+                         aligned.covariance.reshape(*at_b.shape, 2), normal)
+    weight = aligned.converged.reshape(-1, _SAMPLES) / np.maximum(variance, 1e-8)
+    index = np.flatnonzero(aligned.converged.reshape(-1, _SAMPLES).sum(axis=1) >= 0.5 * _SAMPLES)
+    shift = moved[index] * normal[index, None, :]
+    endpoints_b, sigma = fit_endpoints(expected_b[index], shift, weight[index])
+    return LineMatches(
+        endpoints_a=lines.endpoints_a[index], rho_a=lines.rho_a[index],
+        rho_sigma_a=lines.rho_sigma_a[index], endpoints_b=endpoints_b, flow_sigma=sigma,
+        group=lines.group[index]), index
+
+
+def fit_endpoints(endpoints_px: Array, shift: Array, weight: Array) -> tuple[Array, Array]:
+    """Endpoints moved by the straight line that fits shifts read along each segment.
+
+    Args:
+        endpoints_px: (L, 2, 2).
+        shift: (L, S, 2) at `sample_positions`.
+        weight: (L, S) inverse variances, 0 = unknown.
+    Returns:
+        endpoints (L, 2, 2), and the standard deviation (L,) of each end per axis for shifts of
+        those variances.
+    """
+    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    s0 = np.maximum(weight.sum(axis=1), 1e-12)
+    mean_t = (weight * t).sum(axis=1) / s0
+    s2 = np.maximum((weight * t * t).sum(axis=1) - s0 * mean_t**2, 1e-12)
+    mean = np.einsum("ls,lsi->li", weight, shift) / s0[:, None]
+    slope = np.einsum("ls,lsi->li", weight * (t - mean_t[:, None]), shift) / s2[:, None]
+    ends_t = np.array([-0.5, 0.5])[None, :] - mean_t[:, None]
+    moved = endpoints_px + mean[:, None] + ends_t[:, :, None] * slope[:, None]
+    variance = 1.0 / s0 + np.mean(ends_t**2, axis=1) / s2
+    return moved, np.sqrt(variance)
+
+
+def match_segments(carried: Array, detected: Array, max_distance_px: float = 2.0,
+                   min_overlap: float = 0.5) -> Array:
+    """For each carried segment (C, 2, 2) the detected one (D, 2, 2) it lies on, or −1.
+
+    Both ends of the carried segment lie near the detected line, and at least `min_overlap` of
+    the shorter one's length is shared. Each detected segment is given to one carried one.
+    """
+    found = np.full(len(carried), -1)
+    if len(carried) == 0 or len(detected) == 0:
+        return found
+    along = detected[:, 1] - detected[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    along = along / length[:, None]
+    gap = carried[:, None] - detected[None, :, None, 0]                   # (C, D, 2, 2)
+    distance = np.abs(gap[..., 0] * along[None, :, None, 1]
+                      - gap[..., 1] * along[None, :, None, 0]).max(axis=2)
+    t = np.einsum("cdei,di->cde", gap, along)
+    low, high = t.min(axis=2), t.max(axis=2)
+    shared = np.minimum(high, length) - np.maximum(low, 0.0)
+    overlap = shared / np.maximum(np.minimum(high - low, length), 1e-9)
+    cost = np.where((distance <= max_distance_px) & (overlap >= min_overlap), distance, np.inf)
+    best = cost.argmin(axis=1)
+    value = cost[np.arange(len(carried)), best]
+    order = np.argsort(value, kind="stable")
+    _, first = np.unique(best[order], return_index=True)
+    owner = order[first]
+    owner = owner[np.isfinite(value[owner])]
+    found[owner] = best[owner]
+    return found

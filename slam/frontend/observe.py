@@ -1,0 +1,70 @@
+"""What is computed of a frame once and used twice: as the current frame, then as the previous one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slam.geometry.arrays import Array
+from slam.types import Frame
+
+NO_GROUP = 255           # pixels of a mask that takes part in no motion
+_MOST_LABELS = 254
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One frame, prepared."""
+
+    frame: Frame
+    gray: Array          # (H, W) uint8
+    rho: Array           # (H, W) float32 inverse depth, 0 = unknown
+    labels: Array        # (n + 1,) mask labels; labels[0] = 0, the background
+    label_index: Array   # (H, W) uint8: index into labels; 255 = a mask beyond the 254 largest
+
+    def groups(self, group_of_label: dict[int, int]) -> Array:
+        """(H, W) uint8 motion group of each pixel: 0 on the background, 255 on unnamed masks."""
+        table = np.full(256, NO_GROUP, np.uint8)
+        for index, label in enumerate(self.labels):
+            table[index] = group_of_label.get(int(label), NO_GROUP)
+        table[0] = 0
+        return np.asarray(cv2.LUT(self.label_index, table))
+
+
+def observe(frame: Frame) -> Observation:
+    """Grey image, inverse depth and compact labels of a frame."""
+    gray = cv2.cvtColor(np.ascontiguousarray(frame.rgb), cv2.COLOR_RGB2GRAY)
+    depth = np.asarray(frame.depth_m, dtype=np.float32)
+    rho = np.divide(np.float32(1), depth, out=np.zeros_like(depth),
+                    where=np.isfinite(depth) & (depth > 0))
+    labels, index = _compact(frame.instance_id, gray.shape)
+    return Observation(frame, gray, rho, labels, index)
+
+
+def _compact(instance_id: Array | None, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    if instance_id is None or not instance_id.any():
+        return np.zeros(1, np.int64), np.zeros(shape, np.uint8)
+    ids = np.maximum(np.asarray(instance_id), 0)
+    top = int(ids.max())
+    if top > 1_000_000:                       # hashes as labels: a table would be too large
+        values, inverse = np.unique(ids, return_inverse=True)
+        count = np.bincount(inverse.ravel())
+    else:
+        count_all = np.bincount(ids.ravel(), minlength=top + 1)
+        values = np.flatnonzero(count_all)
+        count = count_all[values]
+    values, count = values[values > 0], count[values > 0]
+    if len(values) > _MOST_LABELS:
+        values = np.sort(values[np.argsort(-count, kind="stable")[:_MOST_LABELS]])
+    if top > 1_000_000:
+        place = np.searchsorted(values, ids)
+        known = values[np.minimum(place, len(values) - 1)] == ids
+        index = np.where(ids == 0, 0, np.where(known, place + 1, NO_GROUP)).astype(np.uint8)
+    else:
+        table = np.full(top + 1, NO_GROUP, np.uint8)
+        table[0] = 0
+        table[values] = np.arange(1, len(values) + 1)
+        index = table[ids]
+    return np.concatenate([[0], values]).astype(np.int64), index

@@ -1,0 +1,1 @@
+"""Whole SLAM systems: sequences of the stages below."""

@@ -1,0 +1,122 @@
+"""The corners and segments alive, from frame to frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.config import SdplConfig
+from slam.estimation.tracks import (
+    TrackNumbers,
+    empty_points,
+    empty_segments,
+    join_points,
+    join_segments,
+)
+from slam.frontend.follow import match_segments
+from slam.frontend.observe import Observation
+from slam.frontend.points import PointConfig, detect_points
+from slam.frontend.sampling import depth_at, nearest
+from slam.frontend.segments import cull_segments, detect_segments
+from slam.geometry.arrays import Array
+from slam.systems.motion_stage import Tracked
+from slam.types import Points2D, Segments2D
+
+
+class FeatureTracker:
+    """Feature tracks: those that survive a frame go on, new ones fill the gaps."""
+
+    def __init__(self, config: SdplConfig) -> None:
+        self.config = config
+        self.corner_config = PointConfig(object_count=config.points.object_count)
+        self.points: Points2D = empty_points()
+        self.segments: Segments2D = empty_segments()
+        self._age = np.zeros(0, np.int64)
+        self._unseen = np.zeros(0, np.int64)
+        self._numbers = TrackNumbers()
+        self._finished_static: list[Array] = []
+
+    def restart(self, current: Observation) -> None:
+        """Forget all tracks and detect on this frame."""
+        self._retire(np.ones(len(self.segments), bool))
+        self.points, self.segments = empty_points(), empty_segments()
+        self._age = self._unseen = np.zeros(0, np.int64)
+        self._detect(current)
+
+    def advance(self, current: Observation, tracked: Tracked) -> None:
+        """Move the tracks to the current frame and detect new features beside them."""
+        depth, labels = current.frame.depth_m, _label_image(current)
+        uv = tracked.point_uv
+        self.points = Points2D(uv, depth_at(depth, uv), self.points.track_id[tracked.point_index],
+                               nearest(labels, uv).astype(np.int32))
+        alive = np.zeros(len(self.segments), bool)
+        alive[tracked.line_index] = True
+        self._retire(~alive)
+        self._age, self._unseen = self._age[tracked.line_index], self._unseen[tracked.line_index]
+        self.segments = Segments2D(tracked.line_endpoints, np.zeros((len(tracked.line_index), 2)),
+                                   self.segments.track_id[tracked.line_index],
+                                   np.zeros(len(tracked.line_index), np.int32))
+        self._detect(current)
+
+    def finished_static_line_lengths(self) -> Array:
+        """Frames that each static segment track lived, those still alive included."""
+        alive = self._age[self.segments.instance_id == 0]
+        return np.concatenate([*self._finished_static, alive])
+
+    def _retire(self, gone: Array) -> None:
+        self._finished_static.append(self._age[gone & (self.segments.instance_id == 0)])
+
+    def _detect(self, current: Observation) -> None:
+        self._detect_points(current)
+        if self.config.segments.enabled:
+            self._detect_segments(current)
+
+    def _detect_points(self, current: Observation) -> None:
+        static_alive = int(np.count_nonzero(self.points.instance_id == 0))
+        wanted = max(0, self.config.points.static_count - static_alive)
+        labels = _label_image(current)
+        uv, _ = detect_points(current.gray, wanted, labels, self.points.uv_px, self.corner_config)
+        depth = depth_at(current.frame.depth_m, uv)
+        uv, depth = uv[depth > 0], depth[depth > 0]
+        ids, self._numbers = self._numbers.take(len(uv))
+        new = Points2D(uv, depth, ids, nearest(labels, uv).astype(np.int32))
+        self.points = join_points(self.points, new)
+
+    def _detect_segments(self, current: Observation) -> None:
+        """Segments found now confirm, correct and complete those that were carried."""
+        settings = self.config.segments
+        found = detect_segments(current.gray, settings.detector, settings.min_length_px)
+        confirmed = match_segments(self.segments.endpoints_px, found)
+        endpoints = np.where((confirmed >= 0)[:, None, None], found[confirmed] if len(found)
+                             else self.segments.endpoints_px, self.segments.endpoints_px)
+        fresh = found[np.setdiff1d(np.arange(len(found)), confirmed)]
+        ids, self._numbers = self._numbers.take(len(fresh))
+        every = join_segments(
+            Segments2D(endpoints, np.zeros((len(endpoints), 2)), self.segments.track_id,
+                       self.segments.instance_id),
+            Segments2D(fresh, np.zeros((len(fresh), 2)), ids, np.zeros(len(fresh), np.int32)))
+        age = np.concatenate([self._age + 1, np.ones(len(fresh), np.int64)])
+        unseen = np.concatenate([np.where(confirmed >= 0, 0, self._unseen + 1),
+                                 np.zeros(len(fresh), np.int64)])
+        kept, label, depth = cull_segments(every.endpoints_px, current.frame.depth_m,
+                                           _label_image(current))
+        kept &= unseen <= settings.unseen_frames
+        kept &= _among_longest(every.endpoints_px, kept, age, settings.max_count)
+        gone = ~kept[: len(endpoints)]
+        self._retire(gone)
+        self._age, self._unseen = age[kept], unseen[kept]
+        self.segments = Segments2D(every.endpoints_px[kept], depth[kept], every.track_id[kept],
+                                   label[kept].astype(np.int32))
+
+
+def _label_image(current: Observation) -> Array:
+    labels = current.frame.instance_id
+    return np.zeros(current.gray.shape, np.int32) if labels is None else labels
+
+
+def _among_longest(endpoints_px: Array, kept: Array, age: Array, count: int) -> Array:
+    """The `count` best of the kept: those that live already first, then the longest."""
+    length = np.linalg.norm(endpoints_px[:, 1] - endpoints_px[:, 0], axis=1)
+    rank = np.argsort(-(np.where(kept, length, -np.inf) + 1e4 * (kept & (age > 1))), kind="stable")
+    best = np.zeros(len(endpoints_px), bool)
+    best[rank[:count]] = True
+    return best

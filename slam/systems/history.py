@@ -1,0 +1,109 @@
+"""What has been estimated so far: poses, object motions, status."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slam.config import DynamicConfig
+from slam.dynamics.objects import ObjectTable
+from slam.dynamics.scene_flow import moves
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.systems.motion_stage import ObjectMotion, Tracked
+from slam.types import (
+    Frame,
+    FrameEstimate,
+    ObjectEstimate,
+    ObjectTrack,
+    SlamResult,
+    Status,
+)
+
+
+class History:
+    """All estimates in order; the world is the first camera's frame."""
+
+    def __init__(self) -> None:
+        self.estimates: list[FrameEstimate] = []
+        self.T_world_camera: Array = np.eye(4)     # of the last frame that was not lost
+        self.lost_in_a_row = 0
+        self._velocity: Array | None = None        # (6,) per second
+
+    @property
+    def has_motion(self) -> bool:
+        return self._velocity is not None
+
+    def expected_motion(self, dt_s: float) -> Array:
+        """T_a_b (4, 4) at constant velocity over a time."""
+        return np.eye(4) if self._velocity is None else np.asarray(se3.exp(self._velocity * dt_s))
+
+    def add(self, estimate: FrameEstimate) -> FrameEstimate:
+        self.estimates.append(estimate)
+        return estimate
+
+    def amend(self, estimate: FrameEstimate) -> FrameEstimate:
+        """Replace the last estimate by one that says more."""
+        self.estimates[-1] = estimate
+        return estimate
+
+    def add_lost(self, frame: Frame, reason: str, timings: Mapping[str, float]) -> FrameEstimate:
+        last = self.estimates[-1]
+        step = self.expected_motion(frame.stamp_s - last.stamp_s)
+        self.lost_in_a_row += 1
+        return self.add(FrameEstimate(frame.index, frame.stamp_s, last.T_world_camera @ step, step,
+                                      status=Status.LOST, reason=reason, timings_ms=timings))
+
+    def add_tracked(self, frame: Frame, before: Frame, tracked: Tracked, objects: ObjectTable,
+                    config: DynamicConfig) -> FrameEstimate:
+        """Record a frame's motions; `before` is the frame they start from."""
+        dt_s = max(frame.stamp_s - before.stamp_s, 1e-6)
+        T_world_a = self.T_world_camera
+        T_world_b = se3.orthonormalised(T_world_a @ tracked.T_a_b)
+        moving: dict[int, ObjectEstimate] = {}
+        still: list[int] = []
+        track_of = {s.label: s.track for s in objects.of_label(frame.stamp_s).values()}
+        for found in tracked.objects:
+            track = track_of[found.label]
+            estimate = _object_estimate(found, T_world_a)
+            state = objects.states[track]
+            is_moving = moves(found.relative, tracked.information, found.information,
+                              found.points_a, dt_s, config, np.isfinite(state.moved_s))
+            if objects.judged(track, is_moving, frame.stamp_s, estimate.H_world,
+                              estimate.centroid_world):
+                moving[track] = estimate
+            else:
+                still.append(found.label)
+        self._velocity = se3.log(tracked.T_a_b) / dt_s
+        self.T_world_camera, self.lost_in_a_row = T_world_b, 0
+        left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)
+        last = self.estimates[-1].T_world_camera
+        return self.add(FrameEstimate(
+            frame.index, frame.stamp_s, T_world_b, se3.inverse(last) @ T_world_b, moving,
+            Status.TRACKED, left_out, static_labels=tuple(still),
+            inliers={"points": tracked.inlier_points, "lines": tracked.inlier_lines}))
+
+    def result(self, static_line_lengths: Array) -> SlamResult:
+        """The run as it stands."""
+        poses = [e.T_world_camera for e in self.estimates]
+        tracks: dict[int, list[tuple[int, ObjectEstimate]]] = {}
+        for estimate in self.estimates:
+            for track, motion in estimate.objects.items():
+                tracks.setdefault(track, []).append((estimate.index, motion))
+        return SlamResult(
+            np.array([e.stamp_s for e in self.estimates]),
+            np.array(poses).reshape(-1, 4, 4),
+            {track: ObjectTrack(np.array([k for k, _ in rows]),
+                                np.array([m.H_world for _, m in rows]),
+                                np.array([m.centroid_world for _, m in rows]))
+             for track, rows in tracks.items()},
+            tuple(e.status for e in self.estimates),
+            static_line_tracklet_lengths=static_line_lengths)
+
+
+def _object_estimate(found: ObjectMotion, T_world_a: Array) -> ObjectEstimate:
+    H_world = se3.orthonormalised(T_world_a @ found.relative @ se3.inverse(T_world_a))
+    points = found.points_a if len(found.points_a) else np.zeros((1, 3))
+    centroid = se3.transform_points(T_world_a, points).mean(axis=0)
+    return ObjectEstimate(H_world, centroid, found.label, found.rigidity, found.inliers)

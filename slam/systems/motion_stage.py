@@ -1,0 +1,291 @@
+"""From two observed frames to the motions between them: match, start, refine, align, refine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.config import NoiseConfig, SdplConfig
+from slam.dynamics.objects import ObjectTable
+from slam.estimation.motion import Motions, NoiseScales, refine_motions
+from slam.estimation.start import start_motion
+from slam.frontend.flow import predicted_flow
+from slam.frontend.follow import align_points, align_segments, follow_points, follow_segments
+from slam.frontend.grid import GRID_KIND, OBJECT_GRID_KIND, grid_matches
+from slam.frontend.observe import NO_GROUP, Observation
+from slam.frontend.refine import RefineConfig as AlignConfig
+from slam.frontend.refine import prepare_image
+from slam.geometry import camera as pinhole
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.matches import LineMatches, PointMatches, join, no_lines, take
+from slam.systems.stopwatch import Stopwatch
+from slam.types import FlowField, Intrinsics
+
+if TYPE_CHECKING:
+    from slam.systems.features import FeatureTracker
+
+_KINDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectMotion:
+    """One object between two frames, still in the previous camera."""
+
+    label: int                 # in the current frame
+    relative: Array            # (4, 4) its motion against the static world, in camera a
+    information: Array         # (6, 6) of its pose T_a_b
+    points_a: Array            # (N, 3) m, in camera a
+    rigidity: float
+    inliers: int
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """All motions between two frames, and the features that followed them."""
+
+    T_a_b: Array                         # (4, 4) the camera's
+    information: Array                   # (6, 6)
+    objects: tuple[ObjectMotion, ...]
+    left_out: tuple[tuple[int, str], ...]   # mask label now, why it has no motion
+    point_index: Array                   # (P,) features of the previous frame that live on
+    point_uv: Array                      # (P, 2)
+    line_index: Array                    # (L,)
+    line_endpoints: Array                # (L, 2, 2)
+    inlier_points: int
+    inlier_lines: int
+    lost_because: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Matched:
+    """Everything that goes into the solver, and which feature tracks it came from."""
+
+    grid: PointMatches
+    corners: PointMatches
+    corner_index: Array
+    lines: LineMatches
+    line_index: Array
+
+    def points(self, parked: Array) -> PointMatches:
+        """All points; those of parked groups count for the static world too."""
+        every = join(self.grid, self.corners)
+        still = take(every, np.isin(every.group, parked))
+        return join(every, replace(still, group=np.zeros_like(still.group)))
+
+
+class MotionStage:
+    """Keeps what one frame teaches the next of the noise, and the images prepared for alignment."""
+
+    def __init__(self, intrinsics: Intrinsics, config: SdplConfig) -> None:
+        self.intrinsics, self.config = intrinsics, config
+        self.scales = NoiseScales(np.ones(_KINDS))
+        self._smooth: tuple[int, Array] | None = None
+        self._align = AlignConfig()
+
+    def track(self, a: Observation, b: Observation, flow: FlowField, pairs: dict[int, int],
+              features: FeatureTracker, T_a_b_expected: Array, objects: ObjectTable,
+              T_world_a: Array, clock: Stopwatch) -> Tracked:
+        """Motions from a to b.
+
+        Args:
+            pairs: mask label in b -> the same object's label in a.
+            T_a_b_expected: (4, 4) camera motion expected.
+        """
+        labels_b = sorted(pairs)
+        state = objects.of_label(a.frame.stamp_s)
+        group_of_a = {pairs[label]: g for g, label in enumerate(labels_b, start=1)}
+        parked = np.array([g for label, g in group_of_a.items()
+                           if label in state and state[label].parked], dtype=np.int64)
+        image_flow = flow is not b.frame.flow
+        matched = self._match(a, b, flow, group_of_a,
+                              b.groups({label: g for g, label in enumerate(labels_b, start=1)}),
+                              features, image_flow)
+        clock.lap("match")
+        expected = [T_a_b_expected]
+        for label in labels_b:
+            known = state.get(pairs[label])
+            relative = (np.eye(4) if known is None
+                        else objects.predicted_relative(known.track, T_world_a, 1.0))
+            expected.append(se3.inverse(relative) @ T_a_b_expected)
+        starts, why = self._starts(matched, expected)
+        clock.lap("start")
+        if 0 in why:
+            return _lost(why[0])
+        matched = _without(matched, np.array(sorted(why), dtype=np.int64))
+        T, motions, matched = self._solve(a, b, matched, starts, parked, image_flow, clock)
+        return self._tracked(matched, motions, labels_b, why, parked)
+
+    def _match(self, a: Observation, b: Observation, flow: FlowField, group_of_a: dict[int, int],
+               group_b: Array, features: FeatureTracker, image_flow: bool) -> _Matched:
+        config = self.config
+        noise = config.noise
+        grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise)
+        if image_flow:
+            # Errors of estimated flow are alike over many cells: averaging does not reduce them.
+            grid = replace(grid, flow_cov=np.broadcast_to(
+                np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))
+        labels_a = a.label_index
+        corners, corner_index = follow_points(
+            features.points, _groups_of(features.points.instance_id, group_of_a), flow, labels_a,
+            b.frame.depth_m, group_b, noise)
+        lines, line_index = no_lines(), np.zeros(0, np.int64)
+        if config.segments.enabled and len(features.segments):
+            lines, line_index = follow_segments(
+                features.segments, _groups_of(features.segments.instance_id, group_of_a), flow,
+                labels_a, group_b, noise)
+        return _Matched(grid, corners, corner_index, lines, line_index)
+
+    def _starts(self, matched: _Matched, expected: list[Array]) -> tuple[Array, dict[int, str]]:
+        """Where each group's refinement starts, and the groups that have too little to start."""
+        points = join(matched.grid, matched.corners)
+        why: dict[int, str] = {}
+        starts = np.repeat(np.eye(4)[None], len(expected), axis=0)
+        for group, T_expected in enumerate(expected):
+            own = take(points, np.flatnonzero(points.group == group))
+            needed = self.config.start.min_points if group == 0 else self.config.dynamic.min_matches
+            if len(own) < needed:
+                why[group] = f"{len(own)} matches, {needed} are needed"
+                continue
+            candidates = np.stack([T_expected, expected[0], np.eye(4)])
+            sigma = self.config.noise.flow_sigma_px
+            found = start_motion(own, self.intrinsics, self.config.start, sigma, candidates)
+            if found is None:
+                why[group] = "no depth on it"
+            else:
+                starts[group] = found
+        return starts, why
+
+    def _solve(self, a: Observation, b: Observation, matched: _Matched, starts: Array,
+               parked: Array, image_flow: bool, clock: Stopwatch
+               ) -> tuple[Array, Motions, _Matched]:
+        config = self.config
+        align = config.refine.use == "always" or (config.refine.use == "auto" and image_flow)
+        if align:
+            first = replace(config.motion, rounds=1)
+            rough = self._refine(matched, starts, parked, first, remember=False)
+            clock.lap("motion")
+            matched = self._aligned(a, b, matched, rough.T_a_b, image_flow)
+            starts = rough.T_a_b
+            clock.lap("align")
+        motions = self._refine(matched, starts, parked, config.motion, remember=True)
+        clock.lap("motion")
+        return motions.T_a_b, motions, matched
+
+    def _refine(self, matched: _Matched, starts: Array, parked: Array, config, remember: bool  # type: ignore[no-untyped-def]
+                ) -> Motions:
+        points = matched.points(parked)
+        motions = refine_motions(starts, points, matched.lines, self.intrinsics, config,
+                                 self.scales, self.config.noise.adapt)
+        if remember and self.config.noise.adapt:
+            present = np.bincount(points.kind, minlength=_KINDS) > 0
+            measured = np.median(motions.flow_scale, axis=0)
+            measured[GRID_KIND] = motions.flow_scale[0, GRID_KIND]
+            keep = self.config.noise.memory
+            self.scales = NoiseScales(
+                np.where(present, keep * self.scales.flow + (1 - keep) * measured,
+                         self.scales.flow),
+                keep * self.scales.depth + (1 - keep) * motions.depth_scale)
+        return motions
+
+    def _aligned(self, a: Observation, b: Observation, matched: _Matched, T_a_b: Array,
+                 image_flow: bool) -> _Matched:
+        smooth_a, smooth_b = self._smoothed(a), self._smoothed(b)
+        T_b_a = se3.inverse(T_a_b)
+        corners = matched.corners
+        expected, warps = self._carried(corners.uv_a, corners.rho_a, T_b_a[corners.group])
+        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b,
+                                      b.frame.depth_m, self.config.noise, self._align)
+        lines, line_index = matched.lines, matched.line_index
+        if len(lines):
+            ends, _ = self._carried(lines.endpoints_a.reshape(-1, 2), lines.rho_a.reshape(-1),
+                                    np.repeat(T_b_a[lines.group], 2, axis=0))
+            lines, chosen = align_segments(lines, ends.reshape(-1, 2, 2), smooth_a, smooth_b,
+                                           self._align)
+            line_index = line_index[chosen]
+        return _Matched(matched.grid, aligned, matched.corner_index[index], lines, line_index)
+
+    def _carried(self, uv_a: Array, rho_a: Array, T_b_a: Array) -> tuple[Array, Array]:
+        """Where motions put pixels of known depth, and how they deform the image around them.
+
+        The deformation is that of a plane parallel to the image: scale and rotation.
+        """
+        rays = pinhole.rays(self.intrinsics, uv_a)
+        moved = np.einsum("nij,nj->ni", T_b_a[:, :3, :3], rays) + rho_a[:, None] * T_b_a[:, :3, 3]
+        uv = pinhole.project(self.intrinsics, moved)
+        fx, fy = self.intrinsics.fx, self.intrinsics.fy
+        J = pinhole.project_jacobian(self.intrinsics, moved)
+        warps = J @ (T_b_a[:, :3, :2] / np.array([fx, fy]))
+        return uv, warps
+
+    def _smoothed(self, observation: Observation) -> Array:
+        index = observation.frame.index
+        if self._smooth is not None and self._smooth[0] == index:
+            return self._smooth[1]
+        smooth = prepare_image(observation.gray, self._align)
+        if self._smooth is None or index > self._smooth[0]:
+            self._smooth = (index, smooth)
+        return smooth
+
+    def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],
+                 why: dict[int, str], parked: Array) -> Tracked:
+        gate = self.config.motion.point_gate
+        own = join(matched.grid, matched.corners)
+        chi = motions.point_chi[: len(own)]
+        good = chi < gate
+        static = own.group == 0
+        share = float(np.mean(good[static])) if static.any() else 0.0
+        if share < self.config.start.min_inlier_share:
+            return _lost(f"{share:.0%} of the static matches follow one motion")
+        objects = []
+        for group, label in enumerate(labels_b, start=1):
+            if group not in why:
+                objects.append(self._object(group, label, own, good, chi, motions))
+        corners = slice(len(matched.grid), len(own))
+        alive = np.flatnonzero(good[corners])
+        lines_good = np.flatnonzero(motions.line_chi < self.config.motion.line_gate)
+        return Tracked(
+            motions.T_a_b[0], motions.information[0], tuple(objects),
+            tuple((labels_b[g - 1], reason) for g, reason in sorted(why.items())),
+            matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
+            matched.line_index[lines_good], np.array(matched.lines.endpoints_b[lines_good]),
+            int(np.count_nonzero(good & static)),
+            int(np.count_nonzero(matched.lines.group[lines_good] == 0)))
+
+    def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
+                motions: Motions) -> ObjectMotion:
+        members = np.flatnonzero(own.group == group)
+        points = pinhole.back_project(self.intrinsics, own.uv_a[members],
+                                      1.0 / np.maximum(own.rho_a[members], 1e-6))
+        # Against the static world's noise: an object that bends is not excused by its own.
+        excess = motions.flow_scale[group, OBJECT_GRID_KIND] / self.scales.flow[OBJECT_GRID_KIND]
+        rigid = chi[members] * max(1.0, float(excess)) < self.config.motion.point_gate
+        return ObjectMotion(label, motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
+                            motions.information[group], points[good[members]],
+                            float(np.mean(rigid)), int(np.count_nonzero(good[members])))
+
+
+def _groups_of(labels: Array, group_of_label: dict[int, int]) -> Array:
+    """(N,) motion group of each feature by its mask label; −1 where it has none."""
+    group = np.where(labels == 0, 0, -1)
+    for label, g in group_of_label.items():
+        group[labels == label] = g
+    return group
+
+
+def _without(matched: _Matched, groups: Array) -> _Matched:
+    if len(groups) == 0:
+        return matched
+    corners = np.flatnonzero(~np.isin(matched.corners.group, groups))
+    lines = np.flatnonzero(~np.isin(matched.lines.group, groups))
+    return _Matched(take(matched.grid, ~np.isin(matched.grid.group, groups)),
+                    take(matched.corners, corners), matched.corner_index[corners],
+                    take(matched.lines, lines), matched.line_index[lines])
+
+
+def _lost(reason: str) -> Tracked:
+    none = np.zeros(0, np.int64)
+    return Tracked(np.eye(4), np.zeros((6, 6)), (), (), none, np.zeros((0, 2)), none,
+                   np.zeros((0, 2, 2)), 0, 0, reason)

@@ -1,0 +1,70 @@
+"""Systems by name: presets are configurations of the same stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import NamedTuple, Protocol
+
+from slam.config import SdplConfig
+from slam.systems.sdpl import SdplSlam
+from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult
+
+
+class SlamSystem(Protocol):
+    """Anything with these two methods is a SLAM system."""
+
+    def process(self, frame: Frame) -> FrameEstimate: ...
+    def finish(self) -> SlamResult: ...
+
+
+class Preset(NamedTuple):
+    description: str
+    config: SdplConfig
+
+
+_SDPL = SdplConfig()
+
+PRESETS: Mapping[str, Preset] = {
+    "sdpl": Preset("SDPL-SLAM tracking: points and lines, static and moving", _SDPL),
+    "sdpl-no-flow-opt": Preset(
+        "SDPL-SLAM without optimising the flow (the paper's ablation)",
+        replace(_SDPL, motion=replace(_SDPL.motion, optimise_flow=False))),
+    "vdo": Preset("points only, as VDO-SLAM",
+                  replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
+}
+
+
+class UnknownSystem(KeyError):
+    """No preset of this name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def names() -> tuple[str, ...]:
+    return tuple(PRESETS)
+
+
+def descriptions() -> dict[str, str]:
+    return {name: preset.description for name, preset in PRESETS.items()}
+
+
+def default_config(name: str) -> SdplConfig:
+    """The complete settings of a preset.
+
+    Raises:
+        UnknownSystem: no such preset; the message names the closest.
+    """
+    if name not in PRESETS:
+        closest = get_close_matches(name, PRESETS, n=1)
+        hint = f"; did you mean {closest[0]!r}?" if closest else ""
+        raise UnknownSystem(f"no system {name!r}{hint} There are {', '.join(PRESETS)}")
+    return PRESETS[name].config
+
+
+def make(name: str, intrinsics: Intrinsics, config: SdplConfig | None = None) -> SlamSystem:
+    """A fresh system of this name, with its preset's settings unless `config` is given."""
+    preset = default_config(name)
+    return SdplSlam(intrinsics, preset if config is None else config)

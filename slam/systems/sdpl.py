@@ -1,0 +1,115 @@
+"""SDPL-SLAM's tracking (III-A to III-C): this file sequences the stages and computes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam.config import SdplConfig
+from slam.dynamics.masks import associate, overlaps
+from slam.dynamics.objects import ObjectTable
+from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
+from slam.frontend.observe import Observation, observe
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.systems.features import FeatureTracker
+from slam.systems.history import History
+from slam.systems.motion_stage import MotionStage, Tracked
+from slam.systems.stopwatch import Stopwatch
+from slam.types import FlowField, Frame, FrameEstimate, Intrinsics, SlamResult, Status
+
+
+class SdplSlam:
+    """Camera and object motions from frame to frame, from points and lines."""
+
+    def __init__(self, intrinsics: Intrinsics, config: SdplConfig | None = None,
+                 flow_estimator: FlowEstimator | None = None) -> None:
+        self.intrinsics = intrinsics
+        self.config = SdplConfig() if config is None else config
+        self.flow_estimator = flow_estimator or DisFlow(self.config.flow.preset)
+        self.objects = ObjectTable(self.config.dynamic)
+        self.features = FeatureTracker(self.config)
+        self.motions = MotionStage(intrinsics, self.config)
+        self.history = History()
+        self.previous: Observation | None = None
+
+    def process(self, frame: Frame) -> FrameEstimate:
+        """Track one frame; never raises for what a frame shows."""
+        clock = Stopwatch()
+        current = observe(frame)
+        clock.lap("observe")
+        if self.previous is None:
+            return self._begin(current, clock)
+        flow = self._flow(self.previous, current)
+        clock.lap("flow")
+        pairs = associate(overlaps(flow, self.previous.label_index, current.label_index),
+                          self.previous.labels, current.labels, self.config.dynamic.min_overlap)
+        clock.lap("masks")
+        tracked = self.motions.track(self.previous, current, flow, pairs, self.features,
+                                     self._expected_motion(frame), self.objects,
+                                     self.history.T_world_camera, clock)
+        if tracked.lost_because:
+            return self._lost(current, tracked.lost_because, clock)
+        return self._keep(current, pairs, tracked, clock)
+
+    def finish(self) -> SlamResult:
+        """The whole run."""
+        return self.history.result(self.features.finished_static_line_lengths())
+
+    def _begin(self, current: Observation, clock: Stopwatch) -> FrameEstimate:
+        frame = current.frame
+        self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf, frame.stamp_s)
+        self.features.restart(current)
+        clock.lap("detect")
+        self.previous = current
+        return self.history.add(FrameEstimate(
+            frame.index, frame.stamp_s, self.history.T_world_camera, np.eye(4),
+            status=Status.FIRST if not self.history.estimates else Status.LOST,
+            reason="" if not self.history.estimates else "tracking starts again here",
+            points=self.features.points, segments=self.features.segments,
+            timings_ms=clock.laps_ms()))
+
+    def _flow(self, previous: Observation, current: Observation) -> FlowField:
+        """The flow given with the frame, or our own, from the motion expected."""
+        frame = current.frame
+        if frame.flow is not None and frame.index == previous.frame.index + 1:
+            return frame.flow
+        expected = None
+        if self.config.flow.predict and self.history.has_motion:
+            T_a_b = self._expected_motion(frame)
+            T_b_a = se3.inverse(T_a_b)
+            moving = {s.label: T_b_a @ self.objects.predicted_relative(
+                          s.track, self.history.T_world_camera, 1.0)
+                      for s in self.objects.of_label(previous.frame.stamp_s).values()}
+            expected = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a,
+                                      moving, self.intrinsics)
+        return self.flow_estimator(previous.gray, current.gray, expected)
+
+    def _expected_motion(self, frame: Frame) -> Array:
+        assert self.previous is not None
+        return self.history.expected_motion(frame.stamp_s - self.previous.frame.stamp_s)
+
+    def _lost(self, current: Observation, reason: str, clock: Stopwatch) -> FrameEstimate:
+        """Predict the pose, and go on from the last good frame as long as it can be seen."""
+        frame = current.frame
+        estimate = self.history.add_lost(frame, reason, clock.laps_ms())
+        if self.history.lost_in_a_row >= self.config.start.give_up_after:
+            self.previous = None
+        return estimate
+
+    def _keep(self, current: Observation, pairs: dict[int, int], tracked: Tracked,
+              clock: Stopwatch) -> FrameEstimate:
+        assert self.previous is not None
+        frame, before = current.frame, self.previous.frame
+        self.objects.relabel(pairs, [int(x) for x in current.labels[1:]], before.stamp_s,
+                             frame.stamp_s)
+        estimate = self.history.add_tracked(frame, before, tracked, self.objects,
+                                            self.config.dynamic)
+        clock.lap("objects")
+        self.features.advance(current, tracked)
+        clock.lap("detect")
+        self.previous = current
+        estimate = replace(estimate, points=self.features.points, segments=self.features.segments,
+                           timings_ms=clock.laps_ms())
+        return self.history.amend(estimate)
