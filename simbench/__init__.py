@@ -5,8 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from simbench.envs import register_envs as _register_envs
+
 if TYPE_CHECKING:
-    from simbench import wrappers as wrappers
+    import simbench.wrappers as wrappers
     from simbench.run import evaluate as evaluate
     from simbench.scene import Dial as Dial
     from simbench.scene import SceneSpec as SceneSpec
@@ -24,6 +26,8 @@ _HOME = {
     "evaluate": "simbench.run",
     "wrappers": "",
 }
+
+_register_envs()   # by name only: an environment loads MuJoCo when it is made
 
 __all__ = ["Dial", "SceneSpec", "evaluate", "make_world", "open_sequence", "register_scene",
            "wrappers"]

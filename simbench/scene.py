@@ -26,6 +26,7 @@ from typing import Any
 import mujoco
 from numpy.typing import ArrayLike
 
+from simbench.envs import register_env
 from simbench.errors import BadFile, UnknownName, UserError
 
 Dials = Mapping[str, float]
@@ -145,6 +146,7 @@ def register_scene(spec: SceneSpec | None = None, /, **fields: Any) -> SceneSpec
         raise UserError(f"scene {spec.name} is registered already; give yours another name "
                         "or a higher version")
     _SCENES[spec.name] = spec
+    register_env(spec.name)
     return spec
 
 
