@@ -126,6 +126,7 @@ class SimulatedSequence(IteratesFrames):
         self.intrinsics: Intrinsics = world.layout.intrinsics
         self.truth = SimulatedTruth(world, renderer, self.stamps_s)
         self.name: str = world.spec.name
+        self._fps: float = world.fps
         self._identity = {"scene": world.spec.name, "seed": world.seed, "dials": world.dials,
                           "fps": world.fps, "frames": frames, "renderer": type(renderer).__name__,
                           "size": [self.intrinsics.width, self.intrinsics.height],
@@ -161,7 +162,7 @@ class SimulatedSequence(IteratesFrames):
         Raises:
             UserError: the exposure is negative or longer than a frame, or there is no sub-frame.
         """
-        period_s = 1.0 / self._identity["fps"]
+        period_s = 1.0 / self._fps
         if not 0.0 <= exposure_s <= period_s or subframes < 1:
             raise UserError(f"motion blur of {exposure_s} s in {subframes} sub-frames: wanted an "
                             f"exposure from 0 to {period_s:.4g} s and at least one sub-frame")

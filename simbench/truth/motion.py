@@ -26,10 +26,13 @@ def part_motions(truth_i: FrameTruth, truth_j: FrameTruth) -> list[PartMotion]:
     """The parts seen in frame i that do not stay where they are until frame j."""
     moved = np.any(truth_i.T_world_part != truth_j.T_world_part, axis=(-2, -1))
     windows = ndimage.find_objects(truth_i.part_id + 1, max_label=len(moved))
-    return [
-        PartMotion(part, *windows[part],
-                   truth_j.T_world_part[part] @ se3.inverse(truth_i.T_world_part[part]))
-        for part in np.flatnonzero(moved).tolist() if windows[part] is not None]
+    motions = []
+    for part in np.flatnonzero(moved).tolist():
+        if windows[part] is not None:
+            rows, columns = windows[part]
+            H_world = truth_j.T_world_part[part] @ se3.inverse(truth_i.T_world_part[part])
+            motions.append(PartMotion(part, rows, columns, H_world))
+    return motions
 
 
 class Projection:
