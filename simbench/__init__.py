@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from simbench.envs import register_envs as _register_envs
 
 if TYPE_CHECKING:
-    import simbench.wrappers as wrappers
+    import simbench.wrappers as wrappers  # noqa: PLR0402 (of itself it cannot import from)
     from simbench.run import evaluate as evaluate
     from simbench.scene import Dial as Dial
     from simbench.scene import SceneSpec as SceneSpec
