@@ -7,7 +7,9 @@ template once; an iteration only cuts out the moved patches and takes three dot 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from slam.frontend.patches import extract_patches, fits, spline_image
@@ -26,6 +28,7 @@ class RefineConfig:
     stop_px: float = 0.04             # a smaller step is the last: it leaves a sixth of itself
     max_move_px: float = 3.0          # farther from the initial position is a failure
     min_correlation: float = 0.8      # of template and patch, weighted, in [-1, 1]
+    min_support: float = 0.3          # share of the window that lies on the centre's surface
     max_scale: float = 4.0            # of a warp's area; beyond it a patch is not alike
     max_step_px: float = 1.0          # of one iteration
     noise_floor_grey: float = 0.15    # σ of patch differences: rounding to 8 bits, blurred
@@ -52,7 +55,7 @@ def prepare_image(gray: Array, config: RefineConfig | None = None) -> Array:
 
 def refine_matches(previous: Array, current: Array, uv_previous: Array,
                    uv_current_initial: Array, config: RefineConfig | None = None,
-                   A: Array | None = None) -> RefinedMatches:
+                   A: Array | None = None, surface: Array | None = None) -> RefinedMatches:
     """Move matched points to where their patches agree best.
 
     The prior holds each point to its initial position with `prior_sigma_px`, so a patch that is
@@ -65,42 +68,106 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
         config: weights, iterations and gates.
         A: (N, 2, 2) local warps, offsets in the previous image to offsets in the current one;
             None: the patches only shift.
+        surface: (H, W) of the previous frame from `surface_image`: then of a patch only the
+            pixels count that lie on its centre's surface; None: all do.
     """
     config = RefineConfig() if config is None else config
     start = np.asarray(uv_current_initial, dtype=np.float64)
+    count = len(start)
     uv = start.copy()
-    count = len(uv)
     covariance = np.tile(np.eye(2) * config.prior_sigma_px ** 2, (count, 1, 1))
     converged = np.zeros(count, bool)
     residual = np.full(count, np.inf)
-    usable = (fits(uv_previous, previous.shape, config.radius_px + 1)
-              & fits(start, current.shape, config.radius_px))
+    usable = np.array(fits(uv_previous, previous.shape, config.radius_px + 1)
+                      & fits(start, current.shape, config.radius_px))
     if A is not None:
         usable &= np.abs(np.log(np.maximum(np.linalg.det(A), 1e-9))) < np.log(config.max_scale)
-    usable = np.flatnonzero(usable)
-    if len(usable):
-        filters = _filters(previous, uv_previous[usable], None if A is None else A[usable], config)
-        uv[usable], correlation, residual_usable, ended = _iterate(
-            current, start[usable], filters, config)
-        good = (ended & (correlation >= config.min_correlation)
-                & (np.linalg.norm(uv[usable] - start[usable], axis=-1) <= config.max_move_px))
-        if good.any():
-            chosen = usable[good]
-            converged[chosen] = True
-            residual[chosen] = residual_usable[good]
-            covariance[chosen] = _covariance(filters, good, residual_usable[good], config)
-    uv[~converged] = start[~converged]
+    index = np.flatnonzero(usable)
+    blocks = [_align(previous, current, uv_previous[i], start[i], None if A is None else A[i],
+                     surface, config) for i in np.split(index, range(_BLOCK, len(index), _BLOCK))]
+    found = _Alignment(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+    good = ((found.ended > 0) & (found.correlation >= config.min_correlation)
+            & (np.linalg.norm(found.uv - start[index], axis=-1) <= config.max_move_px))
+    if good.any():
+        chosen = index[good]
+        converged[chosen] = True
+        uv[chosen] = found.uv[good]
+        residual[chosen] = found.residual[good]
+        covariance[chosen] = _covariance(found.normal[good].T, found.spread[good].T,
+                                         found.residual[good], config)
     return RefinedMatches(uv, covariance, converged, residual)
+
+
+def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
+    """(H, W) float32 that tells surfaces apart: log depth, a step apart for each instance.
+
+    Pixels next to a step in it are NaN: blur has mixed both sides there.
+    """
+    known = np.asarray(depth_m) > 0
+    # Without depth is a surface of its own, nearer than any other.
+    image = np.log(np.where(known, depth_m, 1e-3).astype(np.float32))
+    if instance_id is not None:
+        image += 16.0 * instance_id
+    box = np.ones((3, 3), np.uint8)
+    image[cv2.dilate(image, box) - cv2.erode(image, box) > _SAME_SURFACE] = np.nan
+    return image
+
+
+_SAME_SURFACE = 0.08   # of log depth over a patch's radius: 8 %, a plane at 80° 5 px off at f = 500
+_BLOCK = 512           # patches worked on at a time: their arrays stay in the processor's cache
+
+
+class _Alignment(NamedTuple):
+    """What the iterations give, features first."""
+
+    uv: Array            # (N, 2)
+    correlation: Array   # (N,)
+    residual: Array      # (N,) grey levels
+    ended: Array         # (N,) bool: the steps became small
+    normal: Array        # (N, 3): as in _Filters
+    spread: Array        # (N, 3)
+
+
+def _align(previous: Array, current: Array, uv_previous: Array, start: Array, A: Array | None,
+           surface: Array | None, config: RefineConfig) -> _Alignment:
+    """One block of patches."""
+    weight = _window(config)
+    if surface is None:
+        weights = np.broadcast_to(weight[:, None], (len(weight), len(start)))
+    else:
+        weights = weight[:, None] * _support(surface, uv_previous, config.radius_px)
+    share = weights.sum(axis=0)
+    weights = weights / np.maximum(share, 1e-6)
+    filters = _filters(previous, uv_previous, weights, A, config)
+    uv, correlation, residual, ended = _iterate(current, start, filters, config)
+    return _Alignment(uv, correlation, residual, ended & (share >= config.min_support),
+                      filters.normal.T, filters.spread.T)
+
+
+def _support(surface: Array, uv_px: Array, radius: int) -> Array:
+    """(P, N) bool: which pixels of the patches lie on the surface of the patch's centre."""
+    whole = np.rint(uv_px).astype(np.intp)
+    side = 2 * radius + 1
+    windows = np.lib.stride_tricks.sliding_window_view(surface, (side, side))
+    cut = np.ascontiguousarray(windows[whole[:, 1] - radius, whole[:, 0] - radius]
+                               .reshape(len(uv_px), -1).T)
+    return np.asarray(np.abs(cut - cut[len(cut) // 2]) <= _SAME_SURFACE)
 
 
 @dataclass(frozen=True, slots=True)
 class _Filters:
     """What the templates contribute, the same in all iterations; features on the last axis."""
 
+    weights: Array       # (P, N) float32: sum to 1 over a patch
+    template: Array      # (P, N) float32: without its mean
     taps: Array          # (3, P, N) float32: weighted gradients in u and v, weighted template
     normal: Array        # (3, N): Σ w g gᵀ as uu, uv, vv
     spread: Array        # (3, N): Σ w² g gᵀ, by which noise enters
-    energy: Array        # (N,): Σ w T², the template without its mean
+    energy: Array        # (N,): Σ w T²
+
+    def of(self, chosen: Array) -> _Filters:
+        """Those of some patches only."""
+        return _Filters(*(getattr(self, each)[..., chosen] for each in self.__slots__))
 
 
 def _window(config: RefineConfig) -> Array:
@@ -111,14 +178,12 @@ def _window(config: RefineConfig) -> Array:
     return np.asarray(weight / weight.sum(), dtype=np.float32)
 
 
-def _filters(previous: Array, uv_previous: Array, A: Array | None,
+def _filters(previous: Array, uv_previous: Array, weights: Array, A: Array | None,
              config: RefineConfig) -> _Filters:
     """Templates, their gradients and everything that follows from them alone."""
     wide = extract_patches(previous, uv_previous, config.radius_px + 1)
     count = wide.shape[-1]
-    weight = _window(config)
-    pixels = len(weight)
-    basis = np.empty((3, pixels, count), np.float32)      # gradient in u and v, template
+    basis = np.empty((3, len(weights), count), np.float32)      # gradient in u and v, template
     as_image = basis.reshape(3, *(2 * config.radius_px + 1,) * 2, count)
     np.subtract(wide[1:-1, 2:], wide[1:-1, :-2], out=as_image[0])
     np.subtract(wide[2:, 1:-1], wide[:-2, 1:-1], out=as_image[1])
@@ -128,17 +193,18 @@ def _filters(previous: Array, uv_previous: Array, A: Array | None,
         _warp(basis, A, config)
     # With the mean taken off here, and the template's share off the gradients, the dot products
     # with a patch are blind to its brightness and contrast.
-    basis -= np.tensordot(weight, basis, axes=(0, 1))[:, None]
-    taps = basis * weight[:, None]
+    for k in range(3):
+        basis[k] -= _dot(weights, basis[k])
+    taps = basis * weights
     energy = np.maximum(_dot(taps[2], basis[2]), np.float32(1e-6))
     for k in range(2):
         share = _dot(taps[2], basis[k]) / energy
         basis[k] -= share * basis[2]
-        np.multiply(basis[k], weight[:, None], out=taps[k])
+        np.multiply(basis[k], weights, out=taps[k])
     pairs = ((0, 0), (0, 1), (1, 1))
     normal = np.stack([_dot(taps[i], basis[j]) for i, j in pairs])
     spread = np.stack([_dot(taps[i], taps[j]) for i, j in pairs])
-    return _Filters(taps, normal.astype(np.float64), spread.astype(np.float64),
+    return _Filters(weights, basis[2], taps, normal.astype(np.float64), spread.astype(np.float64),
                     energy.astype(np.float64))
 
 
@@ -194,28 +260,28 @@ def _iterate(current: Array, start: Array, filters: _Filters,
     uv = start.copy()
     count = len(uv)
     correlation, residual, ended = np.zeros(count), np.full(count, np.inf), np.zeros(count, bool)
-    weight = _window(config)
     active = np.arange(count)
-    taps = filters.taps
+    own = filters
     for _ in range(config.iterations):
         stays = fits(uv[active], current.shape, config.radius_px)
-        if not stays.all() or len(active) < taps.shape[-1]:
+        if not stays.all() or len(active) < own.taps.shape[-1]:
             active = active[stays]
-            taps = filters.taps[:, :, active]
+            own = filters.of(active)
         if len(active) == 0:
             break
         patch = extract_patches(current, uv[active], config.radius_px)
-        patch = patch.reshape(len(weight), -1)
-        patch -= weight @ patch
-        dots = np.einsum("kpn,pn->kn", taps, patch).astype(np.float64)
-        variance = np.maximum(weight @ (patch * patch), 1e-6)
-        energy, normal = filters.energy[active], filters.normal[:, active]
+        patch = patch.reshape(len(own.weights), -1)
+        patch -= _dot(own.weights, patch)
+        dots = np.einsum("kpn,pn->kn", own.taps, patch).astype(np.float64)
+        variance = np.maximum(np.einsum("pn,pn,pn->n", own.weights, patch, patch), 1e-6)
+        energy, normal = own.energy, own.normal
         gain = np.clip(dots[2] / energy, 0.3, 3.0)
         right = dots[:2] / gain
         # What is left of the difference once the best step is made is noise; misfit is not.
         unexplained = (variance - dots[2] ** 2 / energy
                        - gain * gain * (right * _solve(normal + _FLOOR, right)).sum(axis=0))
         noise = np.maximum(unexplained, config.noise_floor_grey ** 2)
+        noise *= _concentration(patch, gain, own)
         correlation[active] = dots[2] / np.sqrt(energy * variance)
         residual[active] = np.sqrt(noise)
         prior = _prior_weight(noise / gain ** 2, config)
@@ -229,6 +295,19 @@ def _iterate(current: Array, start: Array, filters: _Filters,
     return uv, correlation, residual, ended
 
 
+def _concentration(patch: Array, gain: Array, filters: _Filters) -> Array:
+    """(N,) ≥ 1: variance of the difference on the gradients, where it hurts, over its mean.
+
+    Noise is everywhere; shadows, aliased edges and other surfaces differ just where edges are.
+    """
+    squared = patch - gain.astype(np.float32) * filters.template
+    squared *= squared
+    at_edges = filters.taps[0] * filters.taps[0] + filters.taps[1] * filters.taps[1]
+    on_edges = _dot(at_edges, squared) / np.maximum(filters.spread[0] + filters.spread[2], 1e-9)
+    everywhere = np.maximum(_dot(filters.weights, squared), 1e-9)
+    return np.asarray(np.maximum(on_edges / everywhere, 1.0))
+
+
 _DIAGONAL = np.array([[1.0], [0.0], [1.0]])   # of a symmetric 2×2 matrix as uu, uv, vv
 _FLOOR = 1e-3 * _DIAGONAL                     # (grey/px)²: keeps flat patches solvable
 
@@ -239,14 +318,13 @@ def _inverse(matrix: Array) -> Array:
     return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
-def _covariance(filters: _Filters, chosen: Array, residual: Array,
-                config: RefineConfig) -> Array:
-    """(M, 2, 2) of the chosen patches' positions: what noise and a wrong prior do to them."""
+def _covariance(normal: Array, spread: Array, residual: Array, config: RefineConfig) -> Array:
+    """(N, 2, 2) of positions: what noise and a wrong prior do to them."""
     # Half a patch's own noise, which is a rough estimate, and half that of most patches.
     noise = 0.5 * (residual ** 2 + np.median(residual) ** 2)
     prior = _prior_weight(noise, config)
-    inverse = _inverse(_symmetric(filters.normal[:, chosen] + prior * _DIAGONAL))
-    inside = _symmetric(_noise_gain(config) * noise * filters.spread[:, chosen]
+    inverse = _inverse(_symmetric(normal + prior * _DIAGONAL))
+    inside = _symmetric(_noise_gain(config) * noise * spread
                         + prior ** 2 * config.prior_sigma_px ** 2 * _DIAGONAL)
     return np.asarray(np.einsum("ijn,jkn,kln->nil", inverse, inside, inverse))
 
