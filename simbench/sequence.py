@@ -102,6 +102,9 @@ def open_sequence(path: str | Path, calibration: str | Path | None = None) -> Se
     if not folder.is_dir():
         what = "is a file, not a folder" if folder.exists() else "no such folder"
         raise BadFile(f"{folder}: {what}; give the folder of a sequence")
+    if (folder / "unfinished.json").exists():
+        raise BadFile(f"{folder}: this sequence is not finished; finish it with "
+                      "`simbench generate ... --resume`")
     kind = kind_of_folder(folder)
     if kind is None:
         raise BadFile(f"{folder}: not a sequence of a known kind; wanted {_KINDS}")

@@ -18,6 +18,7 @@ class Stage(IntEnum):
     MASKS = 106
     LABELS = 107
     BOXES = 108
+    RGB_RIGHT = 109       # the right camera of a stereo pair
 
 
 def generator(seed: int, stage: Stage, frame: int) -> np.random.Generator:
