@@ -134,10 +134,10 @@ def write_fixed_truth(folder: Path, layout: SceneLayout, stamps_s: Array, T_worl
                       T_world_part: Array, states: Array) -> None:
     """truth.zarr with all that needs no rendering, and per-frame arrays ready to be filled."""
     group = zarr.open_group(folder / TRUTH, mode="a")
-    fixed: dict[str, Array] = {"stamps_s": stamps_s, "T_world_camera": T_world_camera, "T_world_part": T_world_part,
-             "state": states, "instance_of_part": layout.instance_of_part,
-             "edge_part_id": layout.edges.part_id,
-             "edge_endpoints_part": layout.edges.endpoints_part}
+    fixed: dict[str, Array] = {
+        "stamps_s": stamps_s, "T_world_camera": T_world_camera, "T_world_part": T_world_part,
+        "state": states, "instance_of_part": layout.instance_of_part,
+        "edge_part_id": layout.edges.part_id, "edge_endpoints_part": layout.edges.endpoints_part}
     with zarr.config.set({"array.write_empty_chunks": True}):
         for name, values in fixed.items():
             array = group.create_array(
