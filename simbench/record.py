@@ -26,8 +26,10 @@ class RunRecord:
 
     @property
     def one_frame(self) -> Array:
-        """(K,) bool: the system also answered the frame before, so a motion spans one frame."""
-        return np.concatenate([[False], self.processed[1:] & self.processed[:-1]])
+        """(K,) bool: a motion that ends here spans one frame: the one before was answered, too,
+        and was not lost."""
+        known = self.processed & ~self.lost
+        return np.concatenate([[False], self.processed[1:] & known[:-1]])
 
     @property
     def lost(self) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simbench.errors import BadFrame
 from simbench.metrics.estimates import CameraEstimates, ObjectMotions, camera_from_poses
 from simbench.types import ObjectPoses, Trajectories
 from slam.geometry import se3
@@ -100,7 +101,6 @@ class SyntheticSequence:
         return len(self.stamps_s)
 
     def frame(self, k: int) -> Frame:
-        from simbench.errors import BadFrame
         if k in self.broken:
             raise BadFrame(f"rgb/{k}.png: truncated; replace it")
         rgb = np.full((48, 64, 3), 90 + k, dtype=np.uint8)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from simbench.metrics.moving import moving_frames, truth_smoothness_floor
+from simbench.sequence import open_sequence
 from simbench.types import ObjectPoses
 from slam.geometry import se3
 from synthetic import smooth_poses, world
@@ -59,7 +60,6 @@ def test_the_floor_of_a_steady_motion_is_zero_and_of_a_jittering_one_its_jitter(
 
 @pytest.mark.skipif(not KITTI.is_dir(), reason=f"{KITTI} is not here")
 def test_the_floors_of_kitti_tracking_0003_and_who_drives_there():
-    from simbench.sequence import open_sequence
     truth = open_sequence(KITTI).truth.trajectories
     used = np.arange(30) > 0
     floor = truth_smoothness_floor(truth.stamps_s, truth.T_world_camera, used)
