@@ -58,6 +58,14 @@ def spline_weights(fraction: Array) -> Array:
                      sixth * (4 - 3 * g * g * (2 - g)), sixth * f * f * f])
 
 
+def _spline_slopes(fraction: Array) -> Array:
+    """(4, ...) float32 derivatives of `spline_weights`."""
+    f = np.asarray(fraction, dtype=np.float32)
+    g = 1 - f
+    half = np.float32(0.5)
+    return np.stack([-half * g * g, half * f * (3 * f - 4), half * g * (4 - 3 * g), half * f * f])
+
+
 def extract_patches(spline: Array, uv_px: Array, radius: int) -> Array:
     """Patches (side, side, N) float32, side = 2 radius + 1, centred on positions that `fits`.
 
@@ -67,15 +75,42 @@ def extract_patches(spline: Array, uv_px: Array, radius: int) -> Array:
         spline: (H, W) float32 from `spline_image`.
         uv_px: (N, 2).
     """
-    side = 2 * radius + 1
-    wide = side + _TAPS - 1
+    cut, fraction = _cut(spline, uv_px, radius)
+    across, down = spline_weights(fraction)[:, 0], spline_weights(fraction)[:, 1]
+    return _across(_down(cut, down), across)
+
+
+def extract_patches_and_slopes(spline: Array, uv_px: Array, radius: int) -> Array:
+    """(3, side, side, N) float32: the spline's derivatives in u and v, and its values.
+
+    Exact derivatives: differences of neighbouring pixels are 12 % short on sharp texture, by
+    which every Gauss–Newton step would be too long.
+    """
+    cut, fraction = _cut(spline, uv_px, radius)
+    weights, slopes = spline_weights(fraction), _spline_slopes(fraction)
+    rows = _down(cut, weights[:, 1])
+    return np.stack([_across(rows, slopes[:, 0]),
+                     _across(_down(cut, slopes[:, 1]), weights[:, 0]),
+                     _across(rows, weights[:, 0])])
+
+
+def _cut(spline: Array, uv_px: Array, radius: int) -> tuple[Array, Array]:
+    """Windows of coefficients (side + 3, side + 3, N) and fractions of a pixel (2, N)."""
+    wide = 2 * radius + _TAPS
     whole = np.floor(uv_px).astype(np.intp)
-    across, down = np.moveaxis(spline_weights(uv_px - whole), -1, 0)        # each (4, N)
     windows = np.lib.stride_tricks.sliding_window_view(spline, (wide, wide))
     cut = windows[whole[:, 1] - radius - 1, whole[:, 0] - radius - 1].reshape(len(uv_px), -1)
-    cut = np.ascontiguousarray(cut.T).reshape(wide, wide, -1)
-    rows = _weighted([cut[k:k + side] for k in range(_TAPS)], down)
-    return _weighted([rows[:, k:k + side] for k in range(_TAPS)], across)
+    return np.ascontiguousarray(cut.T).reshape(wide, wide, -1), (uv_px - whole).T
+
+
+def _down(cut: Array, weights: Array) -> Array:
+    side = len(cut) - _TAPS + 1
+    return _weighted([cut[k:k + side] for k in range(_TAPS)], weights)
+
+
+def _across(rows: Array, weights: Array) -> Array:
+    side = rows.shape[1] - _TAPS + 1
+    return _weighted([rows[:, k:k + side] for k in range(_TAPS)], weights)
 
 
 def _weighted(shifted: list[Array], weights: Array) -> Array:
