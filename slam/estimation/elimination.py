@@ -63,7 +63,7 @@ class PointFamily:
         self.var_a = m.rho_sigma_a**2
         # A row without a measurement is made harmless by a huge variance, not by branching.
         self.var_b = np.where(self.known_b, m.rho_sigma_b, 1e6) ** 2
-        self.depth_scale2 = 1.0
+        self.depth_scale2: Array = np.ones(len(m))
         self.flow_scale2: Array = np.ones(len(m))
         self.inverse: tuple[Array, ...] = ()
 
@@ -96,6 +96,12 @@ class PointFamily:
         out[:, 2] = i20 * r[:, 0] + i21 * r[:, 1] + i22 * r[:, 2]
         return out
 
+    def depth_innovation(self, r: Array, j: Array) -> tuple[Array, Array]:
+        """How far (N,) the residuals move each inverse depth, and that move's variance (N,)."""
+        rw, jw = self._whiten_vector(r), self._whiten_vector(j)
+        va = self.var_a * self.depth_scale2
+        return -va * np.sum(rw * jw, axis=1), va * va * np.sum(jw * jw, axis=1)
+
     def whitened(self, T: Array) -> tuple[Array, Array]:
         r, J, _ = self.marginal(T)
         i00, i10, i11, i20, i21, i22 = (i[:, None] for i in self.inverse)
@@ -126,14 +132,14 @@ class LineFamily:
         self.rays = pinhole.rays(camera, m.endpoints_a)
         self.inverse = np.zeros((len(m), 2, 2))
         self.scale2: Array = np.ones(len(m))
-        self.depth_scale2 = 1.0
+        self.depth_scale2: Array = np.ones(len(m))
 
     def renew(self, T: Array) -> None:
         t = self._terms(T)
         flow = (self.m.flow_sigma**2 * self.scale2)[:, None, None]
         S = flow * (t.J_flow @ np.swapaxes(t.J_flow, 1, 2))
         S += np.eye(2) * self.config.line_sigma_px**2                        # Σ_l
-        S += (t.J_rho * (self.m.rho_sigma_a**2 * self.depth_scale2)[:, None, :]
+        S += (t.J_rho * (self.m.rho_sigma_a**2 * self.depth_scale2[:, None])[:, None, :]
               ) @ np.swapaxes(t.J_rho, 1, 2)
         l00 = np.sqrt(S[:, 0, 0])
         l10 = S[:, 1, 0] / l00

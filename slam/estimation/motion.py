@@ -22,6 +22,8 @@ from slam.types import Intrinsics
 _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
 _SMALLEST_SCALE2 = 1e-8        # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
+_TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
+_TESTED = 0.1                  # share of a depth's variance that its residuals can explain
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +104,17 @@ class _Problem:
         self.line_count = np.bincount(lines.group, minlength=groups)
         self.flow_scale2 = np.repeat(np.asarray(scales.flow)[None] ** 2, groups, axis=0)
         self.depth_scale2 = scales.depth**2
+        # Depth is good on a road and bad in a tree: its noise is measured tile by tile.
+        self.point_tile = _tiles(self.points.m.uv_a, self.points.m.group, camera)
+        self.line_tile = _tiles(self.lines.m.endpoints_a.mean(axis=1), self.lines.m.group, camera)
+        self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups, self.depth_scale2)
         self._spread_scales()
 
     def _spread_scales(self) -> None:
         m = self.points.m
         self.points.flow_scale2 = self.flow_scale2[m.group, m.kind]
-        self.points.depth_scale2 = self.lines.depth_scale2 = self.depth_scale2
+        self.points.depth_scale2 = self.tile_scale2[self.point_tile]
+        self.lines.depth_scale2 = self.tile_scale2[self.line_tile]
 
     def _per_feature(self, T: Array, count: Array) -> Array:
         """One pose a feature, laid out so that each of its elements is contiguous."""
@@ -162,7 +169,7 @@ class _Problem:
             return
         r, _, j = f.marginal(self._per_feature(T, self.point_count))
         self._measure_depth_noise(r, j)
-        depth_part = j[:, :2] ** 2 * (f.var_a * self.depth_scale2)[:, None]
+        depth_part = j[:, :2] ** 2 * (f.var_a * f.depth_scale2)[:, None]
         flow_part = np.stack([f.uu, f.vv], axis=1)
         square = r[:, :2] ** 2
         stop = np.cumsum(self.point_count)
@@ -179,13 +186,21 @@ class _Problem:
                     self.flow_scale2[group, kind])
 
     def _measure_depth_noise(self, r: Array, j: Array) -> None:
-        f = self.points
-        chosen = f.known_b & (f.m.group == 0)
-        if np.count_nonzero(chosen) < _MIN_FOR_SCALE:
+        """How far the eliminated depths moved, over what their noise allows: by tile and in all."""
+        moved, allowed = self.points.depth_innovation(r, j)
+        ratio = moved**2 / np.maximum(allowed, 1e-300)
+        # A depth that neither parallax nor the second frame tests says nothing.
+        tested = np.flatnonzero(allowed > _TESTED * self.points.var_a * self.points.depth_scale2)
+        static = tested[self.points.m.group[tested] == 0]
+        if len(static) < _MIN_FOR_SCALE:
             return
-        expected = f.var_b[chosen] + j[chosen, 2] ** 2 * f.var_a[chosen]
-        median = float(np.median(r[chosen, 2] ** 2 / expected))
-        self.depth_scale2 = max(median / _MEDIAN_CHI2_1, _SMALLEST_SCALE2)
+        before = self.points.depth_scale2
+        square = ratio * before / _MEDIAN_CHI2_1
+        self.depth_scale2 = max(float(np.median(square[static])), _SMALLEST_SCALE2)
+        medians, count = _grouped_median(square[tested], self.point_tile[tested],
+                                         len(self.tile_scale2))
+        blended = (count * medians + _MIN_FOR_SCALE * self.depth_scale2) / (count + _MIN_FOR_SCALE)
+        self.tile_scale2 = np.maximum(blended, _SMALLEST_SCALE2)
 
     def solution(self, T: Array, information: Array) -> Motions:
         T_points = self._per_feature(T, self.point_count)
@@ -209,3 +224,20 @@ def _excess_scale2(square: Array, flow_part: Array, depth_part: Array, now2: flo
     flow, depth = float(np.median(flow_part)), float(np.median(depth_part))
     scale2 = (ratio * (now2 * flow + depth) - depth) / flow
     return max(scale2, 0.01 * now2 * min(ratio, 1.0), _SMALLEST_SCALE2)
+
+
+def _tiles(uv_px: Array, group: Array, camera: Intrinsics) -> Array:
+    """Tile (N,) of each feature: by its place in the image, or by its object."""
+    rows, columns = _TILES
+    row = np.clip(uv_px[:, 1] * rows / camera.height, 0, rows - 1).astype(np.int64)
+    column = np.clip(uv_px[:, 0] * columns / camera.width, 0, columns - 1).astype(np.int64)
+    return np.where(group == 0, row * columns + column, rows * columns + group)
+
+
+def _grouped_median(values: Array, group: Array, groups: int) -> tuple[Array, Array]:
+    """Median (0 where empty) and count of values (N,) by group number."""
+    order = np.lexsort((values, group))
+    count = np.bincount(group, minlength=groups)
+    first = np.cumsum(count) - count
+    middle = np.minimum(first + count // 2, max(len(values) - 1, 0))
+    return np.where(count > 0, values[order][middle], 0.0), count

@@ -161,8 +161,8 @@ def plucker_jacobian(lines: OrthonormalLines) -> Array:
     """(N, 6, 4): derivative of [N (m), U] with ‖U‖ = 1 by the four parameters of `update`.
 
     The division by w₂ that keeps ‖U‖ = 1 is in it. Its rank is 4 but for a line through the
-    origin, where it is 3: such a line cannot leave the plane of u₁'s pencil to first order, as
-    polar coordinates cannot at their pole. Where that may happen, damp the step.
+    origin, where it is 3: to first order such a line leaves the origin along u₃ only, as polar
+    coordinates do at their pole. Where that may happen, damp the step.
     """
     u1, u2, u3 = np.moveaxis(lines.rotation, -1, 0)
     sine = _finite_sine(lines.angle_rad)
