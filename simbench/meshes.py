@@ -40,10 +40,13 @@ class MeshBuilder:
 
         Args:
             corners: (Q, 4, 3) m, counter-clockwise as seen from outside; a triangle repeats one.
+                Quads without area are left out.
             uv: (Q, 4, 2) texture coordinates; None: `metric_uv` times `scale` (tiles per metre)
                 plus `shift`.
         """
         corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        area = np.linalg.norm(_diagonals_cross(corners), axis=1)
+        corners, uv = corners[area > 1e-9], None if uv is None else uv[area > 1e-9]
         self._corners.append(corners)
         self._uv.append(metric_uv(corners) * scale + np.asarray(shift) if uv is None else uv)
 
@@ -103,15 +106,16 @@ def visible_geom(body: mujoco.MjsBody, mesh: str, material: str, mass: float = 0
 
 
 def bake_static_boxes(spec: mujoco.MjSpec, tile_m: float = 0.8) -> None:
-    """Replace all box geoms with a material on bodies that never move by one mesh per material.
+    """Replace all box geoms with a material on bodies that never move by a few meshes.
 
-    As MuJoCo does for planes, a material with texuniform repeats its texture texrepeat times a
-    metre, one without texrepeat times a face.
+    One mesh for each piece of furniture (body) and material: few enough for OpenGL, and small
+    enough in space for rays to pass most of them by. As MuJoCo does for planes, a material with
+    texuniform repeats its texture texrepeat times a metre, one without texrepeat times a face.
     """
     model = spec.compile()   # the spec's own elements get their ids
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    builders: dict[str, MeshBuilder] = defaultdict(MeshBuilder)
+    builders: dict[tuple[int, str], MeshBuilder] = defaultdict(MeshBuilder)
     geoms = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_BOX and g.material
              and model.body_weldid[model.geom_bodyid[g.id]] == 0]
     for geom in geoms:
@@ -119,7 +123,7 @@ def bake_static_boxes(spec: mujoco.MjSpec, tile_m: float = 0.8) -> None:
         scale, index = float(material.texrepeat[0]), geom.id
         # Equal boxes show different parts of a texture.
         shift = (0.0, 0.0) if not material.texuniform else (0.37 * index % 1.0, 0.61 * index % 1.0)
-        builders[geom.material].box(
+        builders[int(model.geom_bodyid[index]), geom.material].box(
             data.geom_xpos[index], 2.0 * model.geom_size[index],
             data.geom_xmat[index].reshape(3, 3), scale, shift, not material.texuniform, tile_m)
     for geom in geoms:
@@ -127,16 +131,20 @@ def bake_static_boxes(spec: mujoco.MjSpec, tile_m: float = 0.8) -> None:
     for body in list(spec.worldbody.bodies):
         if model.body_weldid[body.id] == 0 and not body.find_all("geom"):
             spec.delete(body)
-    for name, builder in builders.items():
+    for (number, name), builder in builders.items():
         # MuJoCo would make texture coordinates of its own for a material with texuniform.
         spec.material(name).texrepeat, spec.material(name).texuniform = (1.0, 1.0), False
-        builder.add_to(spec, f"static {name}")
-        visible_geom(spec.worldbody, f"static {name}", name)
+        builder.add_to(spec, f"static {number} {name}")
+        visible_geom(spec.worldbody, f"static {number} {name}", name)
+
+
+def _diagonals_cross(corners: Array) -> Array:
+    """(Q, 3) along the normal; it also serves a triangle given as a quad with a double corner."""
+    return np.asarray(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]))
 
 
 def _quad_normals(corners: Array) -> Array:
-    """(Q, 3) unit normals; the diagonals' cross product also serves triangles with a double."""
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal = _diagonals_cross(corners)
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
