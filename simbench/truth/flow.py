@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simbench.truth.motion import part_motions, scene_flow
 from simbench.truth.rays import RayCaster
+from simbench.truth.surface import surface_of
 from simbench.truth.visibility import follow
 from simbench.types import FlowTruth, FrameTruth, SceneLayout
 
@@ -19,8 +20,9 @@ def flow_between(truth_i: FrameTruth, truth_j: FrameTruth, layout: SceneLayout,
     """
     intrinsics = layout.intrinsics
     motions = part_motions(truth_i, truth_j)
-    there = follow(truth_i, truth_j, motions, intrinsics, caster)
-    back = follow(truth_j, truth_i, part_motions(truth_j, truth_i), intrinsics, caster)
+    seen_i, seen_j = surface_of(truth_i), surface_of(truth_j)
+    there = follow(seen_i, seen_j, motions, intrinsics, caster)
+    back = follow(seen_j, seen_i, part_motions(truth_j, truth_i), intrinsics, caster)
     return FlowTruth(
         flow_px=there.flow_px,
         scene_flow_m=scene_flow(truth_i, motions, intrinsics),

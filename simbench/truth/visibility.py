@@ -1,4 +1,9 @@
-"""What becomes of frame i's surface points in frame j: seen, hidden or outside the image."""
+"""What becomes of frame i's surface points in frame j: seen, hidden or outside the image.
+
+Three looks, each at what the one before left open: the plane between the four pixels of j around
+a point; those four pixels against the plane on which the point lies; a ray. The first two err
+only where something thinner than a pixel slips between the four.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +13,19 @@ import numpy as np
 
 from simbench.truth.motion import PartMotion, Projection
 from simbench.truth.rays import RayCaster
+from simbench.truth.surface import (
+    TOLERANCE_M,
+    TOLERANCE_RELATIVE,
+    Surface,
+    in_a_cell,
+    plane_through,
+)
 from simbench.types import FrameTruth
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
-# Depth images are exact to 1e-4 m or 1e-4 of the distance; twice that is no occlusion.
-_TOLERANCE_M = 2e-4
-_TOLERANCE_RELATIVE = 2e-4
+_WELL = 2e-3       # share of the distance
 _STRIP_ROWS = 32   # worked on at a time: what lies between stays in the processor's cache
-_NO_PART = -2      # a cell of four pixels that do not show one part
 
 
 class Followed(NamedTuple):
@@ -28,37 +37,32 @@ class Followed(NamedTuple):
     hidden: Array     # (H, W) bool: and behind something there
 
 
-def follow(truth_i: FrameTruth, truth_j: FrameTruth, motions: list[PartMotion],
-           intrinsics: Intrinsics, caster: RayCaster) -> Followed:
-    """Follow the surface points of frame i, which move as `motions` says, to frame j.
-
-    A point is visible without a ray when the four pixels of j around it show its own part, and
-    the plane through them is no nearer than the point. All others are decided by rays.
-    """
-    height, width = truth_i.depth_m.shape
-    projection = Projection(truth_i, truth_j, motions, intrinsics)
-    cells = _plane_cells(truth_j)
+def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsics: Intrinsics,
+           caster: RayCaster) -> Followed:
+    """Follow the surface points of frame i, which move as `motions` says, to frame j."""
+    part_id = seen_i.truth.part_id
+    height, width = part_id.shape
+    projection = Projection(seen_i.truth, seen_j.truth, motions, intrinsics)
     flow = np.empty((height, width, 2), np.float32)
     ahead, inside, hidden = (np.zeros((height, width), bool) for _ in range(3))
-    doubtful, uvz_of_doubtful = [], []
+    open_pixels, open_uvz = [], []
     for start in range(0, height, _STRIP_ROWS):
         rows = slice(start, min(start + _STRIP_ROWS, height))
-        part = truth_i.part_id[rows]
         uvz = projection.rows(rows)
         u, v, z = uvz
-        np.logical_and(part >= 0, z > 0.0, out=ahead[rows])
+        np.logical_and(part_id[rows] >= 0, z > 0.0, out=ahead[rows])
         np.copyto(uvz, -1.0, where=~ahead[rows])
         np.subtract(u, np.arange(width), out=flow[rows, :, 0], casting="same_kind")
         np.subtract(v, np.arange(height)[rows, None], out=flow[rows, :, 1], casting="same_kind")
         within = (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
         within &= ahead[rows]
         inside[rows] = within
-        asked = np.flatnonzero(within & ~_surely_visible(part, uvz, within, cells))
-        doubtful.append(asked + start * width)
-        uvz_of_doubtful.append(uvz.reshape(3, -1)[:, asked])
+        left_open = np.flatnonzero(within & ~_on_its_own_plane(part_id[rows], uvz, within, seen_j))
+        open_pixels.append(left_open + start * width)
+        open_uvz.append(uvz.reshape(3, -1)[:, left_open])
     flow[~ahead] = 0.0
-    hidden.ravel()[np.concatenate(doubtful)] = occluded_by_ray(
-        np.concatenate(uvz_of_doubtful, axis=1).T, truth_j, intrinsics, caster)
+    pixel, uvz = np.concatenate(open_pixels), np.concatenate(open_uvz, axis=1).T
+    hidden.ravel()[pixel] = _hidden(pixel, uvz, seen_i, seen_j, projection, intrinsics, caster)
     return Followed(flow, ahead, inside, hidden)
 
 
@@ -70,42 +74,63 @@ def occluded_by_ray(uvz: Array, truth: FrameTruth, intrinsics: Intrinsics,
     to_world = truth.T_world_camera[:3, :3] @ np.linalg.inv(intrinsics.matrix)
     caster.place(truth.T_world_part)
     hit_depth, _ = caster.cast(truth.T_world_camera[:3, 3], rays @ to_world.T)
-    return hit_depth < uvz[:, 2] - np.maximum(_TOLERANCE_M, _TOLERANCE_RELATIVE * uvz[:, 2])
+    return hit_depth < uvz[:, 2] - np.maximum(TOLERANCE_M, TOLERANCE_RELATIVE * uvz[:, 2])
 
 
-class _Cells(NamedTuple):
-    """Cell (v, u) has the pixels (v, u) to (v + 1, u + 1) as its corners."""
+def far_behind(uvz: Array, seen: Surface) -> Array:
+    """(N,) bool: the four pixels around a point show a surface that lies well before it.
 
-    inverse_depth: Array   # (H * W,) float32 at (v, u)
-    part: Array            # (H * W,) int32 that all corners show, as one plane; else _NO_PART
-
-
-def _plane_cells(truth: FrameTruth) -> _Cells:
-    part, depth = truth.part_id, truth.depth_m
-    inverse = np.divide(np.float32(1.0), depth, where=depth > 0.0, out=np.zeros_like(depth))
-    corner = part[:-1, :-1]
-    alike = (corner == part[:-1, 1:]) & (corner == part[1:, :-1]) & (corner == part[1:, 1:])
-    # Inverse depth is affine in the pixel on a plane.
-    bend = inverse[:-1, :-1] - inverse[:-1, 1:]
-    bend -= inverse[1:, :-1]
-    bend += inverse[1:, 1:]
-    alike &= np.abs(bend) <= _TOLERANCE_RELATIVE * inverse[:-1, :-1]
-    plane = np.full(part.shape, _NO_PART, np.int32)
-    np.copyto(plane[:-1, :-1], corner, where=alike)
-    return _Cells(inverse.ravel(), plane.ravel())
+    Well before: further than that surface could bend back between the four.
+    """
+    certain = in_a_cell(seen, uvz[:, 0], uvz[:, 1])
+    u0, v0 = np.where(certain, uvz[:, :2].T, 0.0).astype(np.intp)
+    cell = v0 * seen.width + u0
+    corners = seen.inverse_depth[cell + _corner_offsets(seen)[:, None]]
+    farthest, nearest = corners.min(axis=0), corners.max(axis=0)
+    own = 1.0 / uvz[:, 2]
+    return certain & (farthest - own > 2.0 * (nearest - farthest) + _WELL * own)
 
 
-def _surely_visible(part: Array, uvz: Array, inside: Array, cells: _Cells) -> Array:
-    """(h, W) bool: the cell a point falls into shows its own part, as a plane behind the point."""
-    width = part.shape[1]
+def _corner_offsets(seen: Surface) -> Array:
+    return np.array([0, 1, seen.width, seen.width + 1])
+
+
+def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> Array:
+    """(h, W) bool: the four pixels around show the point's part as a plane not before the point."""
+    width, w = seen.width, seen.inverse_depth
     u, v = np.where(inside, uvz[:2], 0.0)
-    in_a_cell = np.minimum(u, v) >= 0.0   # the image reaches half a pixel further
     u0, v0 = u.astype(np.intp), v.astype(np.intp)
     cell = v0 * width + u0
-    corner = cells.inverse_depth.take(cell)
-    surface = corner + (u - u0) * (cells.inverse_depth.take(cell + 1, mode="clip") - corner)
-    surface += (v - v0) * (cells.inverse_depth.take(cell + width, mode="clip") - corner)
-    surface *= uvz[2]
-    in_a_cell &= surface <= 1.0 + _TOLERANCE_RELATIVE
-    in_a_cell &= cells.part.take(cell) == part
-    return in_a_cell
+    corner = w.take(cell)
+    plane = corner + (u - u0) * (w.take(cell + 1, mode="clip") - corner)
+    plane += (v - v0) * (w.take(cell + width, mode="clip") - corner)
+    plane *= uvz[2]
+    visible = plane <= 1.0 + TOLERANCE_RELATIVE
+    visible &= seen.cell_part.take(cell) == part
+    visible &= np.minimum(u, v) >= 0.0   # outside of that there is no cell
+    return visible
+
+
+def _nothing_before_its_plane(pixel: Array, uvz: Array, seen_i: Surface, seen_j: Surface,
+                              projection: Projection) -> Array:
+    """(N,) bool: all four pixels of j around a point lie on or behind the plane it lies on."""
+    plane_i, certain = plane_through(seen_i, pixel)
+    plane_j, facing = projection.planes(plane_i, seen_i.truth.part_id.ravel()[pixel])
+    certain &= facing & in_a_cell(seen_j, uvz[:, 0], uvz[:, 1])
+    u0, v0 = np.where(certain, uvz[:, :2].T, 0.0).astype(np.intp)
+    cell = v0 * seen_j.width + u0
+    for corner, offset in enumerate(_corner_offsets(seen_j).tolist()):
+        dv, du = divmod(corner, 2)
+        wanted = plane_j[:, 0] * (u0 + du) + plane_j[:, 1] * (v0 + dv) + plane_j[:, 2]
+        certain &= seen_j.inverse_depth[cell + offset] <= wanted * (1.0 + TOLERANCE_RELATIVE)
+    return certain
+
+
+def _hidden(pixel: Array, uvz: Array, seen_i: Surface, seen_j: Surface, projection: Projection,
+            intrinsics: Intrinsics, caster: RayCaster) -> Array:
+    """(N,) bool for the pixels (N,) of frame i that the first look left open."""
+    hidden = far_behind(uvz, seen_j)
+    visible = _nothing_before_its_plane(pixel, uvz, seen_i, seen_j, projection)
+    unknown = ~hidden & ~visible
+    hidden[unknown] = occluded_by_ray(uvz[unknown], seen_j.truth, intrinsics, caster)
+    return hidden
