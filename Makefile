@@ -21,7 +21,7 @@ help:
 
 $(READY): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "simbench needs Python 3.11 or newer with its venv module: install python3 and python3-venv (Debian, Ubuntu), or name one: make PYTHON=/path/to/python3.12" >&2; exit 2; }
-	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "$(PYTHON) is older than Python 3.11: name a newer one, make PYTHON=/path/to/python3.12" >&2; exit 2; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { echo "$(PYTHON) does not run or is older than Python 3.11: name a newer one, make PYTHON=/path/to/python3.12" >&2; exit 2; }
 	@echo "Making $(VENV) and installing simbench in it"
 	@test -x $(BIN)/python || "$(PYTHON)" -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,pyrender]"

@@ -109,6 +109,8 @@ class PyrenderRenderer:
 def _load_pyrender() -> Any:
     """pyrender, imported only after the OpenGL platform is chosen."""
     try:
+        import pyglet  # noqa: PLC0415
+        pyglet.options["headless"] = True   # else pyrender's viewer asks for a server's X libraries
         import pyrender  # noqa: PLC0415
     except ImportError as error:
         raise UserError("the pyrender renderer is not installed: "
