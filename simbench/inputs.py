@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from simbench.errors import UserError
+from simbench.errors import BadFrame, UserError
 from simbench.sensors.depth import apply_depth_noise, clean_depth
 from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
 from simbench.sensors.hsv import hsv_masks
@@ -53,6 +53,14 @@ class InputChoice:
                 raise UserError(f"--{name} {value}: wanted one of {', '.join(known)}")
 
 
+@runtime_checkable
+class Rendered(Protocol):
+    """A sequence whose pictures are made as they are asked for: it can show what lies between."""
+
+    def rgb(self, k: int) -> Array: ...
+    def render_blurred(self, k: int, exposure_s: float, subframes: int) -> Array: ...
+
+
 def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
     """The choice with everything named that was left open, and fallbacks taken.
 
@@ -62,7 +70,7 @@ def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
     """
     holds, truth = sequence.holds, sequence.truth
     exact = truth is not None and truth.has_images
-    masked = truth is not None and (exact or truth.true_instances(0) is not None)
+    masked = truth is not None and (exact or _knows_masks(truth))
     simulated_depth = "sensor" if choice.sensor is not None else "truth"
     depth = choice.depth or (
         "sensor" if choice.sensor is not None and exact else
@@ -95,9 +103,16 @@ def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
                    boxes=_fallback("boxes", boxes, "none", sequence))
 
 
+def _knows_masks(truth: SequenceTruth) -> bool:
+    try:
+        return truth.true_instances(0) is not None
+    except BadFrame:       # there is a mask; that it cannot be read is said when its turn comes
+        return True
+
+
 def _as_rendered(value: str, sequence: Sequence) -> str:
     """What a sequence gives that is rendered as it is asked for is the truth."""
-    return "truth" if value == "given" and hasattr(sequence, "render_blurred") else value
+    return "truth" if value == "given" and isinstance(sequence, Rendered) else value
 
 
 def _fallback(option: str, value: str, instead: str, sequence: Sequence) -> str:
@@ -129,6 +144,10 @@ class Feed:
         self.seed = seed
         self.sensor = find_sensor(choice.sensor or "ideal", choice.sensor_settings)
         self.flow_noise = _flow_noise(self.sensor.flow, choice)
+        self._rendered = sequence if isinstance(sequence, Rendered) else None
+        if self.sensor.exposure_s > 0 and self._rendered is None:
+            raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
+                            f"{sequence.name} is on disk; generate it with this sensor")
         self._length = len(sequence) if frames is None else min(frames, len(sequence))
         self._objects: dict[int, dict[int, int]] = {}
         self._recorded: dict[int, Frame] = {}
@@ -156,7 +175,7 @@ class Feed:
             index=k, stamp_s=float(self.sequence.stamps_s[k]), rgb=rgb,
             depth_m=clean_depth(self._depth(k)), intrinsics=self.intrinsics, instance_id=labels,
             boxes=self._boxes(k), flow=None if k == 0 else self._flow(k),
-            right=self._record(k).right if "stereo" in self.sequence.holds else None)
+            right=self._right(k) if "stereo" in self.sequence.holds else None)
 
     def true_object_of_label(self, k: int) -> dict[int, int]:
         """Mask label in frame k → true instance id; labels that stand on no object are absent.
@@ -179,21 +198,23 @@ class Feed:
 
     def _picture(self, k: int) -> Array:
         """The image before the sensor; a rendered sequence need not make the rest of its frame."""
-        rendered = getattr(self.sequence, "rgb", None)
-        return self._record(k).rgb if rendered is None else rendered(k)
+        return self._record(k).rgb if self._rendered is None else self._rendered.rgb(k)
 
     def _rgb(self, k: int) -> Array:
-        if self.sensor.exposure_s > 0:
-            blurred = getattr(self.sequence, "render_blurred", None)
-            if blurred is None:
-                raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
-                                f"{self.sequence.name} is on disk; generate it with this sensor")
-            rgb = blurred(k, self.sensor.exposure_s, self.sensor.exposure_subframes)
+        if self.sensor.exposure_s > 0 and self._rendered is not None:
+            rgb = self._rendered.render_blurred(k, self.sensor.exposure_s,
+                                                self.sensor.exposure_subframes)
         else:
             rgb = self._picture(k)
         if self.sensor.rgb is None:
             return rgb
         return apply_rgb_noise(rgb, self.sensor.rgb, generator(self.seed, Stage.RGB, k))
+
+    def _right(self, k: int) -> Array | None:
+        right = self._record(k).right
+        if right is None or self.sensor.rgb is None:
+            return right
+        return apply_rgb_noise(right, self.sensor.rgb, generator(self.seed, Stage.RGB_RIGHT, k))
 
     def _depth(self, k: int) -> Array:
         kind = self.choice.depth

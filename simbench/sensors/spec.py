@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from simbench.errors import UnknownName, UserError
+from simbench.errors import UnknownName
 from simbench.sensors.depth import DepthModel, GaussianDepth, KinectDepth, StereoDepth
 from simbench.sensors.flow import FlowNoise
 from simbench.sensors.masks import MaskNoise
 from simbench.sensors.rgb import RgbNoise
+from simbench.settings import with_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,29 +50,11 @@ def find_sensor(name: str, settings: Mapping[str, Any] | None = None) -> SensorS
         settings: dotted field → value, such as `{"depth.sigma_m_at_1m": 0.004, "exposure_s": 0}`.
     Raises:
         UnknownName: there is no such sensor or setting.
+        UserError: a value that is not of the setting's type.
     """
     if name not in SENSORS:
         closest = difflib.get_close_matches(name, SENSORS, n=1, cutoff=0.0)[0]
         raise UnknownName(f"no sensor {name!r}; did you mean {closest!r}? "
                           f"There are: {', '.join(SENSORS)}.")
-    spec = SENSORS[name]
-    for path, value in (settings or {}).items():
-        spec = _with_setting(spec, path.split("."), value, f"sensor {name}: {path}")
-    return spec
-
-
-def _with_setting(node: Any, path: list[str], value: Any, where: str) -> Any:
-    names = [f.name for f in fields(node) if f.name not in ("name", "help")]
-    if path[0] not in names:
-        raise UnknownName(f"{where}: no setting {path[0]!r}; there are: {', '.join(names)}.")
-    old = getattr(node, path[0])
-    if len(path) > 1:
-        if not is_dataclass(old):
-            raise UnknownName(f"{where}: {path[0]!r} has no settings of its own here.")
-        return replace(node, **{path[0]: _with_setting(old, path[1:], value, where)})
-    if is_dataclass(old) or old is None:
-        raise UserError(f"{where}: {path[0]!r} is a group; name one of its settings.")
-    try:
-        return replace(node, **{path[0]: type(old)(value)})
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{where}: wanted a {type(old).__name__}, got {value!r}.") from error
+    given = (f"{path}={value}" for path, value in (settings or {}).items())
+    return with_settings(SENSORS[name], given)

@@ -173,6 +173,33 @@ def test_motion_blur_is_rendered(simulated):
     assert sharp.stamp_s == blurred.stamp_s
 
 
+class OnDisk(Recording):
+    """What a folder of ours is to the feed: pictures as they are, and exact truth."""
+
+    def __init__(self, simulated) -> None:
+        super().__init__("depth", "masks")
+        self.truth = simulated.truth
+
+
+def test_motion_blur_cannot_be_made_from_files(simulated):
+    with pytest.raises(UserError, match="--sensor handheld.*must be rendered"):
+        Feed(OnDisk(simulated), InputChoice(sensor="handheld"))
+
+
+def test_an_unreadable_first_mask_does_not_end_the_run():
+    class Broken:
+        has_images = False
+
+        def true_instances(self, k):
+            raise BadFrame("mask is truncated")
+
+    recording = Recording("depth", "masks")
+    recording.truth = Broken()
+    feed = Feed(recording, InputChoice(masks="truth"))
+    with pytest.raises(BadFrame):
+        feed.frame(0)
+
+
 def test_true_boxes_stand_around_the_objects(simulated):
     boxes = Feed(simulated, InputChoice(boxes="truth")).frame(1).boxes
     true = simulated.truth.true_instances(1)
