@@ -182,7 +182,7 @@ class OnDisk(Recording):
 
 
 def test_motion_blur_cannot_be_made_from_files(simulated):
-    with pytest.raises(UserError, match="--sensor handheld.*must be rendered"):
+    with pytest.raises(UserError, match=r"--sensor handheld.*must be rendered"):
         Feed(OnDisk(simulated), InputChoice(sensor="handheld"))
 
 
