@@ -253,8 +253,9 @@ def _render_in_workers(settings: GenerateSettings, target: _Target, missing: lis
             for _ in range(done.result()):
                 on_frame()
     except BrokenProcessPool:
-        raise UserError(f"{target.out}: a rendering process died (out of memory, or a script without "
-                        "`if __name__ == '__main__'`?); give fewer --workers and --resume") from None
+        raise UserError(f"{target.out}: a rendering process died: out of memory (give fewer "
+                        "--workers and --resume), or a script without `if __name__ == "
+                        "'__main__'`") from None
     finally:
         pool.shutdown(cancel_futures=True)
 

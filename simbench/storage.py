@@ -33,7 +33,7 @@ TEMPORARY = ".partial"                     # zarr's own suffix for what it has n
 PICTURES = ("rgb", "depth", "instance")
 PER_FRAME_TRUTH = ("depth_m", "part_id", "object_pixels")
 
-_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 2]   # 3 takes 1.4 times as long for 2 % less
 _ZSTD = ZstdCodec(level=3)
 
 
@@ -102,8 +102,14 @@ def remove_temporaries(folder: Path) -> None:
         path.unlink()
 
 
-def write_lists(folder: Path, stamps_s: Array, T_world_camera: Array) -> None:
-    """rgb.txt, depth.txt, associations.txt and groundtruth.txt as TUM has them."""
+def write_lists(folder: Path, stamps_s: Array, T_world_camera: Array | None,
+                known: Array | None = None) -> None:
+    """rgb.txt, depth.txt, associations.txt and groundtruth.txt as TUM has them.
+
+    Args:
+        T_world_camera: (K, 4, 4); None writes no groundtruth.txt.
+        known: (K,) bool, which poses to write; all of them if None.
+    """
     names = {kind: [f"{kind}/{k:06d}.png" for k in range(len(stamps_s))]
              for kind in ("rgb", "depth")}
     stamps = [f"{stamp:.6f}" for stamp in stamps_s]
@@ -113,7 +119,11 @@ def write_lists(folder: Path, stamps_s: Array, T_world_camera: Array) -> None:
     pairs = "".join(f"{t} {rgb} {t} {depth}\n" for t, rgb, depth in
                     zip(stamps, names["rgb"], names["depth"], strict=True))
     write_bytes(folder / "associations.txt", pairs.encode())
-    truth = "# timestamp tx ty tz qx qy qz qw\n" + tum_lines(stamps_s, T_world_camera)
+    if T_world_camera is None:
+        return
+    rows_known = slice(None) if known is None else known
+    truth = "# timestamp tx ty tz qx qy qz qw\n" + tum_lines(
+        stamps_s[rows_known], T_world_camera[rows_known])
     write_bytes(folder / "groundtruth.txt", truth.encode())
 
 

@@ -99,7 +99,7 @@ def _frame_problems(sequence: SimbenchFolder, frame: Frame) -> list[str]:
     objects = np.array([0, *(o.instance_id for o in layout.objects)])
     parts = len(layout.instance_of_part)
     checks = {
-        "its masks are not those of its parts": (frame.instance_id == truth.instance_id).all(),
+        "its masks are not those of its parts": np.all(frame.instance_id == truth.instance_id),
         "it shows an object that is not listed": np.isin(truth.instance_id, objects).all(),
         "it shows a part that does not exist": ((truth.part_id >= -1)
                                                 & (truth.part_id < parts)).all(),

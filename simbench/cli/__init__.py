@@ -27,7 +27,8 @@ app.command("export")(export.export_command)
 app.command("view")(view.view_command)
 
 # typer carries click inside in some versions and imports it in others.
-_UsageProblem = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+_UsageProblem: type[Exception] = next(
+    c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 _DEBUG = "--debug"
 
 
