@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Collection
+
 import mujoco
 import numpy as np
 
@@ -13,23 +16,24 @@ _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-
 _BOX_EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8)
                        if np.count_nonzero(_BOX_CORNERS[a] != _BOX_CORNERS[b]) == 1])
 
-SHORTEST_M = 0.1       # shorter edges are no use as segments at the distances of the scenes
 THINNEST_M = 0.012     # the long edges of thinner rods cannot be told apart
 _CREASE_COS = np.cos(np.deg2rad(30.0))
 _WELD_M = 1e-5         # mesh vertices are float32: equal corners differ by less than this
 _SAME_LINE = 1e-3      # rounding of direction and foot (m) by which edges share a line
 
 
-def model_edges(model: mujoco.MjModel) -> Edges3D:
+def model_edges(model: mujoco.MjModel, shortest_m: float = 0.1, edgeless: Collection[str] = ()
+                ) -> Edges3D:
     """The edges of every visible box and mesh geom, in the frame of its body (part).
 
     A box has twelve. A mesh has those where two faces meet at more than 30 degrees or where its
-    surface ends; collinear pieces are joined. Planes, curved primitives and edges shorter than
-    0.1 m have none.
+    surface ends. Collinear pieces on one part are joined. Planes, curved primitives and geoms
+    whose material is named in `edgeless` have none.
     """
-    parts, ends = [np.zeros(0, np.int32)], [np.zeros((0, 2, 3))]
+    skipped = {model.material(name).id for name in edgeless}
+    of_part: dict[int, list[Array]] = defaultdict(list)
     for geom in range(model.ngeom):
-        if model.geom_group[geom] > 2 or model.geom_rgba[geom, 3] == 0.0:
+        if model.geom_group[geom] > 2 or int(model.geom_matid[geom]) in skipped:
             continue
         kind = model.geom_type[geom]
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
@@ -40,10 +44,13 @@ def model_edges(model: mujoco.MjModel) -> Edges3D:
             continue
         T_part_geom = se3.from_rotation_translation(
             se3.rotation_from_quaternion(np.roll(model.geom_quat[geom], -1)), model.geom_pos[geom])
-        placed = se3.transform_points(T_part_geom, local)
-        placed = placed[np.linalg.norm(placed[:, 1] - placed[:, 0], axis=1) >= SHORTEST_M]
-        ends.append(placed)
-        parts.append(np.full(len(placed), model.geom_bodyid[geom], np.int32))
+        of_part[int(model.geom_bodyid[geom])].append(se3.transform_points(T_part_geom, local))
+    parts, ends = [np.zeros(0, np.int32)], [np.zeros((0, 2, 3))]
+    for part in sorted(of_part):
+        joined = _joined(np.concatenate(of_part[part]))
+        joined = joined[np.linalg.norm(joined[:, 1] - joined[:, 0], axis=1) >= shortest_m]
+        ends.append(joined)
+        parts.append(np.full(len(joined), part, np.int32))
     return Edges3D(np.concatenate(parts), np.concatenate(ends))
 
 
@@ -62,7 +69,7 @@ def _box_edges(half_size: Array) -> Array:
 
 
 def _mesh_edges(vertices: Array, faces: Array) -> Array:
-    """(E, 2, 3) crease and boundary edges of a triangle mesh, collinear ones joined."""
+    """(E, 2, 3) crease and boundary edges of a triangle mesh."""
     _, first, weld = np.unique(np.round(vertices / _WELD_M).astype(np.int64), axis=0,
                                return_index=True, return_inverse=True)
     points, faces = vertices[first], weld.reshape(-1)[faces]
@@ -80,7 +87,7 @@ def _mesh_edges(vertices: Array, faces: Array) -> Array:
     total = np.stack([np.bincount(edge, weights=face_normal[:, k], minlength=len(edges))
                       for k in range(3)], axis=-1)
     flat = (uses == 2) & (np.sum(total**2, axis=1) > 2.0 + 2.0 * _CREASE_COS)
-    return _joined(points[edges[~flat]])
+    return np.asarray(points[edges[~flat]])
 
 
 def _joined(segments: Array) -> Array:

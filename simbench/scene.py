@@ -69,6 +69,8 @@ class Staging:
 
     script: Script
     objects: tuple[SceneObject, ...] | None = None   # None: each moving child of the world
+    shortest_edge_m: float = 0.1          # shorter ones are no use as segments
+    edgeless: tuple[str, ...] = ()        # materials whose facets are no edges, such as leaves
 
 
 Build = Callable[[mujoco.MjSpec, int, Dials], Staging]

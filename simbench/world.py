@@ -81,7 +81,7 @@ class World:
         if self.model.nkey:   # a keyframe, where there is one, is where physics starts
             mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self._initial = self._physics_state()
-        self.layout = _layout(self.model, staging.objects, size, spec)
+        self.layout = _layout(self.model, staging, size, spec)
         self.reset()
 
     def reset(self) -> None:
@@ -266,11 +266,12 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _layout(model: mujoco.MjModel, objects: tuple[SceneObject, ...] | None,
-            size: tuple[int, int], spec: SceneSpec) -> SceneLayout:
+def _layout(model: mujoco.MjModel, staging: Staging, size: tuple[int, int], spec: SceneSpec
+            ) -> SceneLayout:
+    objects = _moving_bodies(model) if staging.objects is None else staging.objects
     instance_of_part = np.zeros(model.nbody, np.int32)
     infos = []
-    for number, each in enumerate(_moving_bodies(model) if objects is None else objects, start=1):
+    for number, each in enumerate(objects, start=1):
         root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, each.body)
         if root <= 0:
             raise UserError(f"scene {spec.name}: object {each.body!r} is no body of {spec.mjcf}")
@@ -279,7 +280,8 @@ def _layout(model: mujoco.MjModel, objects: tuple[SceneObject, ...] | None,
         jointed = any(model.body_jntnum[part] for part in below if part != root)
         rigid = not jointed if each.rigid is None else each.rigid
         infos.append(ObjectInfo(number, each.body, root, rigid))
-    return SceneLayout(_intrinsics(model, size), tuple(infos), instance_of_part, model_edges(model))
+    edges = model_edges(model, staging.shortest_edge_m, staging.edgeless)
+    return SceneLayout(_intrinsics(model, size), tuple(infos), instance_of_part, edges)
 
 
 def _intrinsics(model: mujoco.MjModel, size: tuple[int, int]) -> Intrinsics:

@@ -84,7 +84,8 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
         return placement
 
     objects = [SceneObject(driver.name, rigid=opening == 0.0) for driver in drivers]
-    return Staging(script, (*objects, *(SceneObject(name, rigid=True) for name in parked)))
+    objects += [SceneObject(name, rigid=True) for name in parked]
+    return Staging(script, tuple(objects), shortest_edge_m=0.25, edgeless=("leaves",))
 
 
 def _block_loop(outwards_m: float, clockwise: bool) -> ClosedPath:
@@ -142,7 +143,7 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: _Ego, coun
     ahead_xy, _ = ego.path(ego.start_m + 30.0)
     first = oncoming.nearest((ahead_xy[0], LANE_M / 2.0)) - rng.uniform(0.0, 12.0)
     oncoming_speed = speed * rng.uniform(6.0, 8.0)
-    apart = oncoming.length_m / max(1, roles.count("oncoming"))
+    apart = min(38.0, oncoming.length_m / max(1, roles.count("oncoming")))
     headway, drivers = rng.uniform(10.0, 12.5), []
     for number, role in enumerate(roles, start=1):
         name = f"car {number}"
