@@ -57,13 +57,14 @@ def write_run(folder: Path, *, metrics: Mapping[str, Any], stamps_s: Array,
 
     Args:
         camera, motions: the estimates that `camera` and `objects` of the metrics score.
+        config: everything resolved, made `plain`.
     """
     texts = {"trajectory.txt": tum_lines(stamps_s[camera.pose_known],
                                          camera.T_world_camera[camera.pose_known]),
              "object_motions.txt": motion_lines(motions, stamps_s),
              "objects.txt": pose_lines(motions, stamps_s),
              "report.html": report_html,
-             "config.yaml": yaml.safe_dump(_plain(config), sort_keys=False, allow_unicode=True),
+             "config.yaml": yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
              "log.txt": "".join(f"{entry.rstrip()}\n" for entry in log),
              "metrics.json": metrics_text(metrics)}
     for name, text in texts.items():
@@ -133,12 +134,12 @@ def _numbers(values: Array) -> str:
     return " ".join(f"{x:.17g}" for x in values)
 
 
-def _plain(value: Any) -> Any:
-    """What YAML can hold: mappings, lists, numbers and text."""
+def plain(value: Any) -> Any:
+    """The value with nothing in it but what YAML can hold: mappings, lists, numbers and text."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, (bool, int, str)):

@@ -1,0 +1,41 @@
+"""What `run` and `score` print when they are done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from simbench.run_to_folder import Outcome
+
+
+def print_outcome(outcome: Outcome, out: Path) -> None:
+    """The tables of errors, what went wrong, the time a frame took, and where the report is."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from simbench.report.table import error_table, trajectory_table
+
+    console = Console(highlight=False)
+    errors = error_table(outcome.metrics)
+    for part in (errors, trajectory_table(outcome.metrics)):
+        if part.rows:
+            table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+            for i, column in enumerate(part.columns):
+                table.add_column(column, justify="left" if i == 0 else "right")
+            for row in part.rows:
+                table.add_row(*row)
+            console.print(table)
+    for note in errors.notes:
+        console.print(note, markup=False)
+    timing = outcome.metrics.get("timing", {})
+    if "ms_per_frame_median" in timing:
+        console.print(f"{timing['ms_per_frame_median']:.1f} ms a frame (median), "
+                      f"{timing['ms_per_frame_p95']:.1f} ms at the 95th percentile", markup=False)
+    if outcome.lost:
+        console.print(f"{outcome.lost} of {outcome.frames} frames have no pose", markup=False)
+    if outcome.log:
+        console.print(f"{len(outcome.log)} entries in {out / 'log.txt'}", markup=False,
+                      soft_wrap=True)
+    console.print(f"report: {out / 'report.html'}", markup=False, soft_wrap=True)

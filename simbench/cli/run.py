@@ -1,0 +1,114 @@
+"""`simbench run`: a system over a scene or a folder, scored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simbench.cli.options import (
+    Calibration,
+    DialValues,
+    Fps,
+    Rigidity,
+    Seed,
+    Size,
+    Texture,
+    collect_dials,
+    parse_size,
+)
+from simbench.errors import UserError
+
+if TYPE_CHECKING:
+    from simbench.sequence import Sequence
+
+
+def run_command(
+        source: Annotated[str, typer.Argument(
+            metavar="SCENE_OR_DIR", help="A scene by name, or the folder of a sequence.")],
+        system: Annotated[str, typer.Option(
+            "--system", metavar="NAME",
+            help="As `simbench list` names it, package.module:factory or file.py:factory.")],
+        out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Folder to write.")],
+        flow: Annotated[str | None, typer.Option(
+            "--flow", help="truth, noisy, dis or given; what the source holds by default.")] = None,
+        masks: Annotated[str | None, typer.Option(
+            "--masks", help="truth, noisy, given, hsv or none.")] = None,
+        boxes: Annotated[str | None, typer.Option(
+            "--boxes", help="truth, given or none.")] = None,
+        depth: Annotated[str | None, typer.Option(
+            "--depth", help="truth, sensor, stereo or given.")] = None,
+        flow_sigma: Annotated[float | None, typer.Option(
+            "--flow-sigma", min=0.0, metavar="PX",
+            help="Standard deviation of --flow noisy; the sensor's by default.")] = None,
+        flow_noise: Annotated[str | None, typer.Option(
+            "--flow-noise", help="pairwise or localisation: how the noise adds up along tracks."
+        )] = None,
+        flow_shape: Annotated[str | None, typer.Option(
+            "--flow-shape", help="isotropic, or structure: as the image's texture allows.")] = None,
+        calibration: Calibration = None, seed: Seed = 0,
+        frames: Annotated[int | None, typer.Option(
+            "--frames", min=1, help="Only so many frames; all by default.")] = None,
+        size: Size = None, fps: Fps = None,
+        sensor: Annotated[str | None, typer.Option(
+            "--sensor", help="Sensor model; `simbench list` shows all. Folders hold their own."
+        )] = None,
+        texture: Texture = None, rigidity: Rigidity = None, dial: DialValues = None,
+        settings: Annotated[list[str] | None, typer.Option(
+            "--set", metavar="STAGE.FIELD=VALUE",
+            help="A setting of the system; may be given several times.")] = None,
+) -> None:
+    """Run a system and score it against the truth."""
+    from simbench.cli.error_table import print_outcome
+    from simbench.cli.progress import frame_progress
+    from simbench.inputs import Feed, InputChoice
+    from simbench.run_to_folder import captured_log, run_to_folder
+
+    dials = collect_dials(dial, texture, rigidity)
+    choice = InputChoice(flow=flow, masks=masks, boxes=boxes, depth=depth, sensor=sensor,
+                         flow_sigma_px=flow_sigma, flow_noise_kind=flow_noise,
+                         flow_noise_shape=flow_shape)
+    scene_options = {"size": parse_size(size), "fps": fps, "dials": dials}
+    with captured_log() as said, _opened(source, calibration, seed, frames,
+                                         scene_options) as sequence:
+        feed = Feed(sequence, choice, seed, frames)
+        with frame_progress(f"{system} on {sequence.name}", len(feed)) as advance:
+            outcome = run_to_folder(
+                system, feed, out, settings=settings or (), log=tuple(said),
+                command={"source": source} | {k: v for k, v in scene_options.items() if v},
+                progress=lambda _done: advance())
+    print_outcome(outcome, out)
+
+
+@contextmanager
+def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
+            scene_options: dict[str, Any]) -> Iterator[Sequence]:
+    """A folder as it is, or a scene rendered as it is asked for."""
+    if Path(source).exists() or _looks_like_a_path(source):
+        from simbench.sequence import open_sequence
+        given = [name for name, value in scene_options.items() if value]
+        if given:
+            raise UserError(f"{source}: --{given[0].rstrip('s')} is for scenes; a folder is as "
+                            "it was recorded")
+        yield open_sequence(source, calibration)
+        return
+    from simbench.render import make_renderer
+    from simbench.simulate import SimulatedSequence
+    from simbench.world import make_world
+
+    if calibration is not None:
+        raise UserError(f"--calibration {calibration}: {source} is a scene and knows its camera")
+    world = make_world(source, seed, scene_options["dials"], scene_options["size"],
+                       scene_options["fps"])
+    renderer = make_renderer("mujoco", world)
+    try:
+        yield SimulatedSequence(world, renderer, world.spec.frames if frames is None else frames)
+    finally:
+        renderer.close()
+
+
+def _looks_like_a_path(source: str) -> bool:
+    return ":" not in source and ("/" in source or source.startswith("."))

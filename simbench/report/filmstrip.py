@@ -1,0 +1,183 @@
+"""Frames with what a system saw in them: points, lines, masks and speeds (SDPL-SLAM Fig. 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slam.geometry.arrays import Array
+from slam.types import Frame, FrameEstimate, ObjectEstimate, Status
+
+STATIC_POINT = (230, 40, 40)     # red, as in the paper; RGB
+OBJECT_POINT = (255, 176, 0)     # amber
+STATIC_LINE = (60, 110, 255)     # blue
+DYNAMIC_LINE = (40, 200, 70)     # green
+LOST = (255, 80, 80)
+TINTS = ((0, 158, 115), (230, 159, 0), (204, 121, 167), (86, 180, 233), (240, 228, 66),
+         (213, 94, 0), (0, 114, 178))   # Okabe and Ito: told apart by the colour-blind, too
+STILL_TINT = (190, 190, 190)
+_TINT_SHARE = 0.22
+_FINE = 4                        # drawing in quarters of a pixel: 2 fractional bits
+_SHIFT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One drawn frame."""
+
+    index: int
+    stamp_s: float
+    jpeg: bytes
+    width: int
+    height: int
+    caption: str
+
+
+class Filmstrip:
+    """An observer of a run that draws some of its frames, evenly spread and never the first.
+
+    Args:
+        frames: how many the run has.
+        count: how many to draw.
+    """
+
+    def __init__(self, frames: int, count: int = 6) -> None:
+        spread = np.linspace(0, frames - 1, min(count, max(1, frames - 1)) + 1)[1:]
+        self._wanted = {round(float(k)) for k in spread} if frames > 1 else {0}
+        self._last_stamp_s: float | None = None
+        self.pictures: list[Picture] = []
+
+    def __call__(self, frame: Frame, estimate: FrameEstimate) -> None:
+        if frame.index in self._wanted:
+            self.pictures.append(picture(frame, estimate, self._last_stamp_s))
+        self._last_stamp_s = frame.stamp_s
+
+
+def picture(frame: Frame, estimate: FrameEstimate, last_stamp_s: float | None) -> Picture:
+    """Draw a frame, at twice its size where it is small, as a JPEG."""
+    moving = {motion.instance_id: (track, motion) for track, motion in estimate.objects.items()}
+    scale = 2 if frame.rgb.shape[1] <= 800 else 1
+    image = _enlarged(frame.rgb, scale)
+    if frame.instance_id is not None:
+        image = _tint_masks(image, frame.instance_id, moving, scale)
+    _draw_segments(image, estimate, scale)
+    _draw_points(image, estimate, scale)
+    speeds = {} if last_stamp_s is None or frame.stamp_s <= last_stamp_s else {
+        track: speed_m_s(motion, frame.stamp_s - last_stamp_s)
+        for track, motion in moving.values()}
+    if frame.instance_id is not None:
+        _write_speeds(image, frame.instance_id, moving, speeds, scale)
+    if estimate.status is Status.LOST:
+        _write(image, "LOST", (12, 34), LOST, 1.0)
+    ok, jpeg = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]),
+                            [cv2.IMWRITE_JPEG_QUALITY, 82])
+    assert ok   # OpenCV can always encode an 8-bit image in memory
+    return Picture(frame.index, frame.stamp_s, jpeg.tobytes(), image.shape[1], image.shape[0],
+                   _caption(frame, estimate, speeds))
+
+
+def speed_m_s(motion: ObjectEstimate, seconds: float) -> float:
+    """How fast the object's points move: ‖H c − c‖ / Δt with c their centroid."""
+    moved = motion.H_world[:3, :3] @ motion.centroid_world + motion.H_world[:3, 3]
+    return float(np.linalg.norm(moved - motion.centroid_world) / seconds)
+
+
+def shown_speed(speed: float) -> str:
+    """km/h for what drives, m/s for what swings or walks."""
+    return f"{3.6 * speed:.0f} km/h" if speed > 3.0 else f"{speed:.2f} m/s"
+
+
+def tint_of(track: int) -> tuple[int, int, int]:
+    """The colour of a track."""
+    return TINTS[track % len(TINTS)]
+
+
+def _enlarged(rgb: Array, scale: int) -> Array:
+    if scale == 1:
+        return rgb.copy()
+    size = (rgb.shape[1] * scale, rgb.shape[0] * scale)
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR))
+
+
+def _tint_masks(image: Array, labels: Array, moving: Mapping[int, tuple[int, ObjectEstimate]],
+                scale: int) -> Array:
+    """Fill each mask lightly and draw its outline; grey where nothing moves."""
+    size = (image.shape[1], image.shape[0])
+    for label in np.unique(labels[labels != 0]):
+        mask = cv2.resize((labels == label).astype(np.uint8), size,
+                          interpolation=cv2.INTER_NEAREST)
+        known = moving.get(int(label))
+        colour = STILL_TINT if known is None else tint_of(known[0])
+        if known is not None:
+            filled = (1 - _TINT_SHARE) * image[mask > 0] + _TINT_SHARE * np.array(colour)
+            image[mask > 0] = filled.astype(np.uint8)
+        contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(image, contours, -1, colour, scale, cv2.LINE_AA)
+    return image
+
+
+def _is_static(labels: Array, estimate: FrameEstimate) -> Array:
+    return np.asarray((labels == 0) | np.isin(labels, list(estimate.static_labels)))
+
+
+def _fixed(uv_px: Array, scale: int) -> Array:
+    """Pixel centres at integers, enlarged about the image's corner, in fixed point."""
+    return np.round(((uv_px + 0.5) * scale - 0.5) * _FINE).astype(np.int32)
+
+
+def _draw_points(image: Array, estimate: FrameEstimate, scale: int) -> None:
+    points = estimate.points
+    if points is None or not len(points):
+        return
+    static = _is_static(points.instance_id, estimate)
+    radius = round(_FINE * (1.2 if scale == 1 else 2.0))
+    for chosen, colour in ((static, STATIC_POINT), (~static, OBJECT_POINT)):
+        for centre in _fixed(points.uv_px[chosen], scale):
+            cv2.circle(image, tuple(centre.tolist()), radius, colour, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_segments(image: Array, estimate: FrameEstimate, scale: int) -> None:
+    segments = estimate.segments
+    if segments is None or not len(segments):
+        return
+    static = _is_static(segments.instance_id, estimate)
+    for chosen, colour in ((static, STATIC_LINE), (~static, DYNAMIC_LINE)):
+        ends = _fixed(segments.endpoints_px[chosen], scale)
+        cv2.polylines(image, list(ends), False, colour, scale, cv2.LINE_AA, _SHIFT)
+
+
+def _write_speeds(image: Array, labels: Array,
+                  moving: Mapping[int, tuple[int, ObjectEstimate]],
+                  speeds: Mapping[int, float], scale: int) -> None:
+    for label, (track, _) in moving.items():
+        rows, columns = np.nonzero(labels == label)
+        if track not in speeds or not len(rows):
+            continue
+        size = 0.42 * scale if scale > 1 else 0.55
+        text = shown_speed(speeds[track])
+        width, height = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, scale)[0]
+        u = int(np.clip(columns.mean() * scale - width / 2, 2, image.shape[1] - width - 2))
+        v = int(np.clip(rows.min() * scale - 6, height + 4, image.shape[0] - 4))
+        _write(image, text, (u, v), tint_of(track), size, scale)
+
+
+def _write(image: Array, text: str, at: tuple[int, int], colour: tuple[int, int, int],
+           size: float, thickness: int = 2) -> None:
+    """Text with a dark rim, to be read on any ground."""
+    for ink, width in (((15, 15, 15), thickness + 3), (colour, thickness)):
+        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, ink, width, cv2.LINE_AA)
+
+
+def _caption(frame: Frame, estimate: FrameEstimate, speeds: Mapping[int, float]) -> str:
+    parts = [f"frame {frame.index}, {frame.stamp_s:.2f} s"]
+    if estimate.points is not None:
+        parts.append(f"{len(estimate.points)} points")
+    if estimate.segments is not None:
+        parts.append(f"{len(estimate.segments)} lines")
+    parts += [f"track {track}: {shown_speed(speed)}" for track, speed in sorted(speeds.items())]
+    if estimate.status is Status.LOST:
+        parts.append(f"lost: {estimate.reason}")
+    return " · ".join(parts)

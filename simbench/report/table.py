@@ -1,0 +1,135 @@
+"""The table of errors, as rows of text for the terminal and the page alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+NONE = "–"
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTable:
+    """A heading with units, and rows of text; an absent value is a dash."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+
+def error_table(metrics: Mapping[str, Any]) -> ErrorTable:
+    """Camera and each object: E_t, E_R, the same without drift, and coverage."""
+    unit, scale = _unit(metrics)
+    columns = ("", f"E_t ({unit})", "E_R (°)", f"E_t local ({unit})", "E_R local (°)",
+               "coverage (%)")
+    rows = tuple((name, _number(block.get("E_t"), scale), _number(block.get("E_R")),
+                  _number(block.get("E_t_local"), scale), _number(block.get("E_R_local")),
+                  _percent(block.get("coverage"))) for name, block in _blocks(metrics))
+    return _without_empty_columns(columns, rows, tuple(_notes(metrics, unit, scale)))
+
+
+def trajectory_table(metrics: Mapping[str, Any]) -> ErrorTable:
+    """The camera's ATE and RPE over each Δ, root mean squares."""
+    unit, scale = _unit(metrics)
+    columns = ["", f"ATE ({unit})"]
+    for over in ("1 frame", "10 frames", "1 s"):
+        columns += [f"RPE {over} ({unit})", "(°)"]
+    rows = []
+    for name, block in _blocks(metrics):
+        if "ate" not in block:
+            continue
+        row = [name, _number(block["ate"]["rmse"], scale)]
+        for key in ("1f", "10f", "1s"):
+            rpe = block.get("rpe", {}).get(key, {})
+            row += [_number(rpe.get("t_rmse"), scale), _number(rpe.get("r_rmse_deg"))]
+        rows.append(tuple(row))
+    return _without_empty_columns(tuple(columns), tuple(rows), ())
+
+
+def _unit(metrics: Mapping[str, Any]) -> tuple[str, float]:
+    """Millimetres where all E_t are below 2 cm, else metres."""
+    small = all(block.get("E_t", 0.0) < 0.02 for _, block in _blocks(metrics))
+    return ("mm", 1e3) if small else ("m", 1.0)
+
+
+def _without_empty_columns(columns: tuple[str, ...], rows: tuple[tuple[str, ...], ...],
+                           notes: tuple[str, ...]) -> ErrorTable:
+    kept = [i for i in range(len(columns)) if i == 0 or any(row[i] != NONE for row in rows)]
+    return ErrorTable(tuple(columns[i] for i in kept),
+                      tuple(tuple(row[i] for i in kept) for row in rows), notes)
+
+
+def _blocks(metrics: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    for suffix, label in (("", ""), ("_batch", " after finish")):
+        if suffix and _same(metrics):
+            return
+        if f"camera{suffix}" in metrics:
+            yield f"camera{label}", metrics[f"camera{suffix}"]
+        objects = metrics.get(f"objects{suffix}", {})
+        for key, block in objects.items():
+            if key != "mean" and block.get("moving_frames"):
+                yield _object_name(key, block) + label, block
+        if "coverage" in objects.get("mean", {}) and len(objects) > 2:
+            yield f"objects, mean{label}", objects["mean"]
+
+
+def _same(metrics: Mapping[str, Any]) -> bool:
+    """`finish` refined nothing: a second set of equal rows would say nothing."""
+    one, other = (metrics.get(key, {}) for key in ("camera", "camera_batch"))
+    return all(abs(one.get(key, 0.0) - other.get(key, 0.0)) < 1e-12 for key in ("E_t", "E_R")) \
+        and one.get("ate") == other.get("ate")
+
+
+def _object_name(key: str, block: Mapping[str, Any]) -> str:
+    name = block.get("name")
+    text = f"{name} ({key})" if name else f"object {key}"
+    return text if block.get("rigid", True) else f"{text}, not rigid"
+
+
+def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]:
+    objects = metrics.get("objects", {})
+    floors = [(name, block["truth_smoothness_floor"])
+              for name, block in [("camera", metrics.get("camera", {})),
+                                  *((_object_name(k, b), b) for k, b in objects.items())]
+              if "truth_smoothness_floor" in block]
+    if floors:
+        listed = ", ".join(f"{name} {_number(floor['E_t'], scale)} {unit} / "
+                           f"{_number(floor['E_R'])}°" for name, floor in floors)
+        yield ("The truth is a recording's and jitters: a straight line through its own motions, "
+               f"with no vision at all, scores {listed}. E below that rewards smoothing; read the "
+               "RPE over 10 frames.")
+    still = [_object_name(k, b) for k, b in objects.items()
+             if k != "mean" and not b.get("moving_frames", 1)]
+    if still:
+        yield f"Never seen to move, so without errors: {', '.join(still)}."
+    mean = objects.get("mean", {})
+    counts = [f"{mean[key]} {text}" for key, text in (
+        ("id_switches", "identity switches"),
+        ("false_motions", "motions given to objects at rest"),
+        ("tracks_without_object", "tracks on no object")) if mean.get(key)]
+    if counts:
+        yield f"Counted besides: {', '.join(counts)}."
+
+
+def _number(value: float | None, scale: float = 1.0) -> str:
+    """Three significant digits, never in powers of ten above 1e-6."""
+    if value is None:
+        return NONE
+    value *= scale
+    if value == 0.0:
+        return "0"
+    if abs(value) < 1e-6:
+        return "<1e-6"
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    digits = 3 - len(str(int(abs(value)))) if abs(value) >= 1 else 2 - _exponent(value)
+    return f"{value:.{max(0, digits)}f}"
+
+
+def _exponent(value: float) -> int:
+    return int(f"{abs(value):.2e}".split("e")[1])
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{100 * value:.3g}"

@@ -1,0 +1,165 @@
+"""A run from the system's name to its finished folder, and the same for another's estimates."""
+
+from __future__ import annotations
+
+import logging
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simbench import run_folder
+from simbench.errors import UserError
+from simbench.external import read_camera, read_motions
+from simbench.inputs import Feed
+from simbench.load_system import load_system
+from simbench.metrics.association import nearest_objects, owners
+from simbench.metrics.estimates import CameraEstimates, ObjectMotions, motions_of_rows
+from simbench.metrics.flow import FlowErrors
+from simbench.report.content import ReportContent
+from simbench.report.filmstrip import Filmstrip
+from simbench.report.page import render_report
+from simbench.run import RunRecord, run, score
+from simbench.score import Online, poses_and_motions_metrics, truncated
+from simbench.sequence import Sequence as RecordedSequence
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a command tells of a run."""
+
+    metrics: Mapping[str, Any]
+    log: tuple[str, ...]
+    frames: int
+    lost: int
+
+
+def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence[str] = (),
+                  command: Mapping[str, Any] | None = None,
+                  progress: Callable[[int], None] | None = None,
+                  log: Sequence[str] = ()) -> Outcome:
+    """Run a system over a feed, score it, and write the run's folder.
+
+    Args:
+        settings: "stage.field=value" for the system's configuration.
+        command: what else belongs into config.yaml, such as the scene and its dials.
+        log: what was said before the run began.
+    Raises:
+        UserError: no such system or setting, or the system refuses this input.
+        OSError: the folder cannot be written.
+    """
+    system, resolved = load_system(system_name, feed.intrinsics, settings)
+    run_folder.prepare(out)
+    truth = feed.sequence.truth
+    exact = truth is not None and truth.has_images
+    film = Filmstrip(len(feed))
+    flow = FlowErrors(truth if exact else None)
+    with captured_log() as said:
+        record = run(system, feed, progress=progress, observers=(film, flow))
+        trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
+        scores = score(trajectories, record, exact=exact)
+    entries = (*log, *said, *record.log)
+    if flow.metrics():
+        scores["flow"] = flow.metrics()
+    metrics = head(system_name, feed.sequence, len(feed)) | scores
+    config = run_folder.plain({
+        "system": system_name, **(command or {}), "seed": feed.seed, "frames": len(feed),
+        "inputs": asdict(feed.choice), "settings": resolved,
+        "intrinsics": asdict(feed.intrinsics), "versions": versions()})
+    online = Online.of(record)
+    content = ReportContent.of(metrics, record.stamps_s, online.camera, online.motions,
+                               online.owner, trajectories, exact, film.pictures, config, entries)
+    run_folder.write_run(out, metrics=metrics, stamps_s=record.stamps_s, camera=online.camera,
+                         motions=online.motions, report_html=render_report(content),
+                         config=config, log=entries)
+    return Outcome(metrics, entries, len(feed), int(record.lost.sum()))
+
+
+def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path | None,
+                    out: Path) -> Outcome:
+    """Score what another program estimated, and write the run's folder.
+
+    Raises:
+        UserError: the sequence has no truth.
+        BadFile: a broken row in either file.
+        OSError: the folder cannot be written.
+    """
+    if sequence.truth is None:
+        raise UserError(f"{sequence.name}: has no truth to score against")
+    stamps_s = np.asarray(sequence.stamps_s)
+    camera, notes = read_camera(trajectory, stamps_s)
+    motions, more = (_no_motions(camera), []) if objects is None \
+        else read_motions(objects, stamps_s, camera)
+    run_folder.prepare(out)
+    truth, exact = sequence.truth.trajectories, sequence.truth.has_images
+    blocks = poses_and_motions_metrics(camera, motions, truth, exact)
+    if objects is None:
+        del blocks["objects"]   # nobody estimated any: that is not a coverage of 0
+    metrics = head(trajectory.name, sequence, len(sequence)) \
+        | {key: block for key, block in blocks.items() if block}
+    config = run_folder.plain({
+        "truth": sequence.name, "trajectory": trajectory, "objects": objects,
+        "versions": versions()})
+    owner = owners(motions.track, nearest_objects(motions, truth))
+    content = ReportContent.of(metrics, stamps_s, camera, motions, owner, truth, exact, (),
+                               config, notes + more)
+    run_folder.write_run(out, metrics=metrics, stamps_s=stamps_s, camera=camera, motions=motions,
+                         report_html=render_report(content), config=config, log=notes + more)
+    return Outcome(metrics, tuple(notes + more), len(sequence),
+                   int((~camera.pose_known).sum()))
+
+
+def head(system: str, sequence: RecordedSequence, frames: int) -> dict[str, Any]:
+    """What metrics.json says of the run itself."""
+    return {"system": system, "sequence": {"name": sequence.name, "frames": frames,
+                                           "sha256": sequence.fingerprint()}}
+
+
+def versions() -> dict[str, str]:
+    """Of what the numbers may depend on."""
+    names = ("simbench-slam", "numpy", "scipy", "opencv-contrib-python-headless", "mujoco")
+    found = {name: metadata.version(name) for name in names if _installed(name)}
+    return {"python": platform.python_version()} | found
+
+
+def _installed(name: str) -> bool:
+    try:
+        metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _no_motions(camera: CameraEstimates) -> ObjectMotions:
+    none = np.zeros(0, dtype=np.int64)
+    return motions_of_rows(none, none, np.zeros((0, 4, 4)), np.zeros((0, 3)), camera)
+
+
+@contextmanager
+def captured_log() -> Iterator[list[str]]:
+    """The warnings that our modules log meanwhile, each once."""
+    said: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            entry = f"{record.levelname.lower()}: {record.getMessage()}"
+            if entry not in said:
+                said.append(entry)
+
+    handler = Collector(logging.WARNING)
+    loggers = [logging.getLogger(name) for name in ("simbench", "slam")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    try:
+        yield said
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+
+
+__all__ = ["Outcome", "RunRecord", "captured_log", "run_to_folder", "score_to_folder"]
