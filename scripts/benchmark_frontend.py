@@ -57,7 +57,7 @@ def pairs(scene: str, seed: int, texture: float, frames: int, step: int) -> Iter
     sequence = SimulatedSequence(world, renderer, 2 + frames * step)
     truth = sequence.truth
     for k in range(1, 1 + frames * step, step):
-        a, b, before = truth.frame(k), truth.frame(k + 1), truth.frame(k - 1)
+        a, before = truth.frame(k), truth.frame(k - 1)
         flow = truth.flow(k, k + 1)
         T_step = se3.inverse(before.T_world_camera) @ a.T_world_camera
         motions = {}

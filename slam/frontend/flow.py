@@ -112,7 +112,7 @@ def sample_flow(flow: FlowField, uv_px: Array,
     height, width = flow.flow_px.shape[:2]
     index, weight = neighbours((height, width), uv_px)
     four = flow.flow_px.reshape(-1, 2)[index].astype(np.float64)
-    known = np.isfinite(four).all(axis=-1)
+    known = np.asarray(np.isfinite(four).all(axis=-1))
     if flow.valid is not None:
         known &= flow.valid.reshape(-1)[index]
     best = np.argmax(weight, axis=0)[None]

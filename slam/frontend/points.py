@@ -22,7 +22,6 @@ class PointConfig:
     track_margin_px: int = 5          # distance of a new point to living tracks
     block_px: int = 5                 # window of the corner's structure tensor
     min_eigenvalue: float = 1.0       # (grey/px)²; image noise of 2 grey levels gives about 0.75
-    sub_pixel: bool = False           # move to the peak of the response (parabola)
 
 
 def detect_points(gray: Array, count: int, instance_id: Array | None = None,
@@ -56,8 +55,7 @@ def detect_points(gray: Array, count: int, instance_id: Array | None = None,
         moving = _strongest_per_label(row, column, strength, instance_id[row, column], config)
         at = (np.concatenate([static[0], moving[0]]), np.concatenate([static[1], moving[1]]))
     uv = np.stack([at[1], at[0]], axis=-1).astype(np.float64)
-    strength = response[at].astype(np.float64)
-    return (uv + _peak_offset(response, *at) if config.sub_pixel else uv), strength
+    return uv, response[at].astype(np.float64)
 
 
 def corner_response(gray: Array, block_px: int) -> Array:
@@ -145,17 +143,3 @@ def _strongest_per_label(row: Array, column: Array, strength: Array, label: Arra
     starts = np.searchsorted(label[order], label[order], side="left")
     order = np.sort(order[np.arange(len(order)) - starts < config.object_count])
     return row[order], column[order]
-
-
-def _peak_offset(response: Array, row: Array, column: Array) -> Array:
-    """(N, 2) offset of the peak of a parabola through the response, at most half a pixel."""
-    height, width = response.shape
-    r, c = np.clip(row, 1, height - 2), np.clip(column, 1, width - 2)
-
-    def offset(before: Array, after: Array) -> Array:
-        bend = before - 2.0 * response[r, c] + after
-        safe = np.where(bend < 0, bend, -1.0)
-        return np.where(bend < 0, np.clip(0.5 * (before - after) / safe, -0.5, 0.5), 0.0)
-
-    return np.stack([offset(response[r, c - 1], response[r, c + 1]),
-                     offset(response[r - 1, c], response[r + 1, c])], axis=-1)

@@ -29,8 +29,9 @@ class RefineConfig:
     window_sigma_px: float = 3.0      # Gaussian weights over the patch
     blur_sigma_px: float = 0.7        # of both images: less interpolation bias and aliasing
     prior_sigma_px: float = 1.0       # how far the initial flow may be wrong, per axis
-    iterations: int = 4
+    iterations: int = 5
     stop_px: float = 0.08             # a smaller step is the last: it leaves 3 % of itself
+    stop_sigmas: float = 0.2          # so is one that is small against what noise does
     max_move_px: float = 3.0          # farther from the initial position is a failure
     min_correlation: float = 0.8      # of template and patch, weighted, in [-1, 1]
     min_support: float = 0.3          # share of the window that lies on the centre's surface
@@ -60,7 +61,8 @@ def prepare_image(gray: Array, config: RefineConfig | None = None) -> Array:
 
 def refine_matches(previous: Array, current: Array, uv_previous: Array,
                    uv_current_initial: Array, config: RefineConfig | None = None,
-                   A: Array | None = None, surface: Array | None = None) -> RefinedMatches:
+                   A: Array | None = None, surface: Array | None = None,
+                   direction: Array | None = None) -> RefinedMatches:
     """Move matched points to where their patches agree best.
 
     The prior holds each point to its initial position with `prior_sigma_px`, so a patch that is
@@ -75,6 +77,8 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
             None: the patches only shift.
         surface: (H, W) of the previous frame from `surface_image`: then of a patch only the
             pixels count that lie on its centre's surface; None: all do.
+        direction: (N, 2) unit vectors along which alone the points move, as across a line;
+            perpendicular to it their covariance is 0. None: they move freely.
     """
     config = RefineConfig() if config is None else config
     start = np.asarray(uv_current_initial, dtype=np.float64)
@@ -88,8 +92,11 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
     if A is not None:
         usable &= np.abs(np.log(np.maximum(np.linalg.det(A), 1e-9))) < np.log(config.max_scale)
     index = np.flatnonzero(usable)
+    if len(index) == 0:
+        return RefinedMatches(uv, covariance, converged, residual)
     blocks = [_align(previous, current, uv_previous[i], start[i], None if A is None else A[i],
-                     surface, config) for i in np.split(index, range(_BLOCK, len(index), _BLOCK))]
+                     surface, None if direction is None else direction[i], config)
+              for i in np.split(index, range(_BLOCK, len(index), _BLOCK))]
     found = _Alignment(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
     good = ((found.ended > 0) & (found.correlation >= config.min_correlation)
             & (np.linalg.norm(found.uv - start[index], axis=-1) <= config.max_move_px))
@@ -134,7 +141,7 @@ class _Alignment(NamedTuple):
 
 
 def _align(previous: Array, current: Array, uv_previous: Array, start: Array, A: Array | None,
-           surface: Array | None, config: RefineConfig) -> _Alignment:
+           surface: Array | None, direction: Array | None, config: RefineConfig) -> _Alignment:
     """One block of patches."""
     weight = _window(config)
     if surface is None:
@@ -144,6 +151,8 @@ def _align(previous: Array, current: Array, uv_previous: Array, start: Array, A:
     share = weights.sum(axis=0)
     weights = weights / np.maximum(share, 1e-6)
     filters = _filters(previous, uv_previous, weights, A, config)
+    if direction is not None:
+        filters = _constrained(filters, direction)
     uv, correlation, residual, ended = _iterate(current, start, filters, config)
     return _Alignment(uv, correlation, residual, ended & (share >= config.min_support),
                       filters.normal.T, filters.spread.T)
@@ -208,6 +217,26 @@ def _filters(previous: Array, uv_previous: Array, weights: Array, A: Array | Non
                     energy.astype(np.float64))
 
 
+def _constrained(filters: _Filters, direction: Array) -> _Filters:
+    """Filters whose steps go along (N, 2) directions only."""
+    n = direction.T.astype(np.float32)
+    taps = filters.taps.copy()
+    along = n[0] * taps[0] + n[1] * taps[1]
+    taps[0], taps[1] = n[0] * along, n[1] * along
+
+    def projected(upper: Array, across: float) -> Array:
+        uu, uv, vv = n[0] * n[0], n[0] * n[1], n[1] * n[1]
+        share = uu * upper[0] + 2 * uv * upper[1] + vv * upper[2]
+        return np.stack([share * uu + across * vv, (share - across) * uv, share * vv + across * uu])
+
+    return _Filters(filters.weights, filters.template, taps,
+                    projected(filters.normal, _STIFF), projected(filters.spread, 0.0),
+                    filters.energy)
+
+
+_STIFF = 1e8   # (grey/px)²: in this direction nothing moves
+
+
 def _dot(a: Array, b: Array) -> Array:
     """(N,) dot products of the columns of (P, N) and (P, N)."""
     return np.asarray(np.einsum("pn,pn->n", a, b))
@@ -255,6 +284,13 @@ def _solve(normal: Array, right: Array) -> Array:
                                 uu * right[1] - uv * right[0]]) / determinant)
 
 
+def _length_in_sigmas(step: Array, normal: Array, prior: Array, config: RefineConfig) -> Array:
+    """(N,) length of steps (2, N) against the uncertainty of the position they lead to."""
+    (u, v), (uu, uv, vv) = step, normal + prior * _DIAGONAL
+    variance = np.maximum(prior * config.prior_sigma_px ** 2, 1e-12)
+    return np.asarray(np.sqrt(np.maximum(uu * u * u + 2 * uv * u * v + vv * v * v, 0) / variance))
+
+
 def _iterate(current: Array, start: Array, filters: _Filters,
              config: RefineConfig) -> tuple[Array, Array, Array, Array]:
     """Positions (N, 2), correlations (N,), residuals (N,) and whether the steps ended (N,)."""
@@ -289,10 +325,15 @@ def _iterate(current: Array, start: Array, filters: _Filters,
         moved = (uv[active] - start[active]).T
         step = _solve(normal + prior * _DIAGONAL, right + prior * moved)
         length = np.hypot(*step)
+        sigmas = _length_in_sigmas(step, normal, prior, config)
+
+        def small(factor: float, length: Array = length, sigmas: Array = sigmas) -> Array:
+            return (length < factor * config.stop_px) | (sigmas < factor * config.stop_sigmas)
+
         step *= np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))
         uv[active] -= step.T
-        ended[active] = length < 2 * config.stop_px
-        active = active[length >= config.stop_px]
+        ended[active] = small(2.0)
+        active = active[~small(1.0)]
     return uv, correlation, residual, ended
 
 

@@ -49,7 +49,6 @@ def refine_segments(previous: Array, current: Array, endpoints_previous: Array,
         endpoints_initial: (N, 2, 2) in the current image, within 1–2 px.
     """
     config = LineRefineConfig() if config is None else config
-    count = len(endpoints_initial)
     before = np.asarray(endpoints_previous, dtype=np.float64)
     after = np.asarray(endpoints_initial, dtype=np.float64)
     along = after[:, 1] - after[:, 0]
@@ -58,12 +57,13 @@ def refine_segments(previous: Array, current: Array, endpoints_previous: Array,
     t = _parameters(length, config)                                         # (N, K)
     start = _along(after, t)
     matches = refine_matches(previous, current, _along(before, t).reshape(-1, 2),
-                             start.reshape(-1, 2), config.patch)
-    move = matches.uv_current.reshape(count, -1, 2) - start
+                             start.reshape(-1, 2), config.patch,
+                             direction=np.repeat(normal, config.samples, axis=0))
+    move = matches.uv_current.reshape(start.shape) - start
     offset = np.einsum("nkc,nc->nk", move, normal)
     spread = np.einsum("ni,nkij,nj->nk", normal,
-                       matches.covariance.reshape(count, -1, 2, 2), normal)
-    aligned = matches.converged.reshape(count, -1)
+                       matches.covariance.reshape(*start.shape, 2), normal)
+    aligned = matches.converged.reshape(t.shape)
     # Patches that overlap see the same pixels: their information counts by their share.
     spacing = length * (t[:, -1] - t[:, 0]) / max(config.samples - 1, 1)
     own = np.minimum(1.0, spacing / (np.sqrt(4 * np.pi) * config.patch.window_sigma_px))
