@@ -33,11 +33,13 @@ class ScoreSlam(gymnasium.Wrapper[dict[str, Array], Array, dict[str, Array], Arr
         """
         Args:
             env: a simbench environment, wrapped or not.
-            system: a system, good for one episode, or a function that makes one for each episode.
+            system: a system, good for one episode, or a class or function that makes one of
+                intrinsics for each episode.
         """
         super().__init__(env)
-        self._make = None if hasattr(system, "process") else system
-        self._fresh = system if hasattr(system, "process") else None
+        ready = hasattr(system, "process") and not isinstance(system, type)
+        self._make = None if ready else system
+        self._fresh = system if ready else None
         self.system: Any = None     # the one that runs; its `finish` gives the whole episode
         self.estimate: FrameEstimate | None = None
 

@@ -7,6 +7,7 @@ import pytest
 from simbench.errors import UserError
 from simbench.wrappers import ScoreSlam
 from slam.geometry import se3
+from slam.systems.sdpl import SdplSlam
 from slam.types import FrameEstimate, Status
 
 NAME = "simbench/SwingingBoxes-v0"
@@ -107,4 +108,14 @@ def test_one_system_is_good_for_one_episode_a_function_for_many():
     assert len(made) == 2
     assert made[0][1].width == 80
     assert env.system is made[1][0]
+    env.close()
+
+
+def test_our_own_system_follows_a_pushed_camera():
+    env = ScoreSlam(gymnasium.make(NAME, size=(320, 240), frames=3), SdplSlam)
+    env.reset(seed=0)
+    for push in (1.0, -1.0, 0.3):
+        _, reward, _, _, info = env.step(np.full(6, push, np.float32))
+        assert info["score"]["tracked"]
+        assert -5e-4 < reward <= 0.0      # half a millimetre: truth flow and depth
     env.close()
