@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simbench.truth.rays import RayCaster
-from simbench.truth.visibility import occluded_by_ray
+from simbench.truth.rays import Hides, RayCaster
 from simbench.types import FrameTruth, SceneLayout, VisibleEdges
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -34,7 +33,8 @@ def visible_edges(truth: FrameTruth, layout: SceneLayout, caster: RayCaster,
         min_length_px: shorter stretches are left out.
     """
     clipped = _clip(_in_camera(truth, layout), layout.intrinsics)
-    stretches, row = _stretches(clipped, truth, layout.intrinsics, caster)
+    hides = caster.hides(truth, layout.intrinsics)
+    stretches, row = _stretches(clipped, layout.intrinsics, hides)
     ends_camera = _points_at(clipped.camera[row], stretches)
     ends_px = _pixels(ends_camera, layout.intrinsics)[..., :2]
     long = np.linalg.norm(ends_px[:, 1] - ends_px[:, 0], axis=-1) >= min_length_px
@@ -86,13 +86,12 @@ def _points_at(ends: Array, s: Array) -> Array:
     return ends[:, :1] + t * (ends[:, 1:] - ends[:, :1])
 
 
-def _stretches(clipped: _Clipped, truth: FrameTruth, intrinsics: Intrinsics,
-               caster: RayCaster) -> tuple[Array, Array]:
+def _stretches(clipped: _Clipped, intrinsics: Intrinsics, hides: Hides) -> tuple[Array, Array]:
     """Visible stretches as shares of the clipped edge in the image (V, 2), and its row (V,)."""
     def visible(row: Array, s: Array) -> Array:
         points = _points_at(clipped.camera[row], s[:, None])[:, 0]
         points = points * (1.0 - _OFFSET_M / np.linalg.norm(points, axis=-1, keepdims=True))
-        return ~occluded_by_ray(_pixels(points, intrinsics), truth, intrinsics, caster)
+        return ~hides(_pixels(points, intrinsics))
 
     pixels = _pixels(clipped.camera, intrinsics)[..., :2]
     steps = np.ceil(np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=-1) / _STEP_PX).astype(int)

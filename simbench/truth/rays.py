@@ -2,65 +2,84 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
-from simbench.render import SHOWN_GEOM_GROUPS
+from simbench.render.geometry import shown_geoms
+from simbench.truth.surface import TOLERANCE_M, TOLERANCE_RELATIVE
+from simbench.truth.triangles import DRAWN_AS_TRIANGLES, screen_of, triangles_of
+from simbench.types import FrameTruth
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.types import Intrinsics
+
+Hides = Callable[[Array], Array]   # (N, 3) pixels and z-depth to (N,) bool: hidden there
+_CURVED_GROUP = 0
 
 
 class RayCaster:
     """Casts rays at the drawn geoms of a compiled model.
 
-    It holds a state of its own, set by part poses alone, so that it serves any instant of a
-    sequence, live or read from disk, and never disturbs the world that moves.
+    It needs part poses only, so that it serves any instant of a sequence, live or read from
+    disk, and never disturbs the world that moves.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
-        self._data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, self._data)
-        self._groups = np.array(SHOWN_GEOM_GROUPS, np.uint8)
-        self._T_part_geom = _local_poses(model.geom_pos, model.geom_quat)
-        self._T_part_inertia = _local_poses(model.body_ipos, model.body_iquat)
+        self._parts = int(model.nbody)
+        self._triangles = triangles_of(model)
+        shown = shown_geoms(model)
+        curved = shown[~np.isin(model.geom_type[shown], [int(k) for k in DRAWN_AS_TRIANGLES])]
+        self._curved = _CurvedGeoms(model, curved) if len(curved) else None
 
-    def place(self, T_world_part: Array) -> None:
-        """Put every part (P, 4, 4) where it is to be hit."""
-        model, data = self._model, self._data
-        if np.shape(T_world_part) != (model.nbody, 4, 4):
-            raise ValueError(f"this scene has {model.nbody} parts, not {np.shape(T_world_part)[0]}")
-        T_world_geom = T_world_part[model.geom_bodyid] @ self._T_part_geom
-        T_world_inertia = T_world_part @ self._T_part_inertia
-        data.geom_xpos[:] = T_world_geom[:, :3, 3]
-        data.geom_xmat[:] = T_world_geom[:, :3, :3].reshape(-1, 9)
-        data.xpos[:] = T_world_part[:, :3, 3]
-        data.xmat[:] = T_world_part[:, :3, :3].reshape(-1, 9)
-        data.xipos[:] = T_world_inertia[:, :3, 3]
-        data.ximat[:] = T_world_inertia[:, :3, :3].reshape(-1, 9)
+    def hides(self, truth: FrameTruth, intrinsics: Intrinsics) -> Hides:
+        """A function that says which points, given in one frame's image, something hides there.
 
-    def cast(self, origin: Array, directions: Array) -> tuple[Array, Array]:
-        """First hits of rays from one point.
+        A point is hidden when its ray meets a surface nearer than it by more than the truth's
+        tolerance.
 
-        Args:
-            origin: (3,) m in the world.
-            directions: (N, 3) in the world, of any length.
-        Returns:
-            (N,) distances in units of each direction's length, inf where nothing is hit;
-            (N,) int32 parts, -1 where nothing is hit.
+        Raises:
+            ValueError: the frame is of another scene.
         """
-        count = len(directions)
-        geom, distance = np.full(count, -1, np.int32), np.full(count, -1.0)
-        if count:
-            rays = np.ascontiguousarray(directions, np.float64).reshape(-1)
-            mujoco.mj_multiRay(self._model, self._data, np.asarray(origin, np.float64), rays,
-                               self._groups, True, -1, geom, distance, None, count,
+        if len(truth.T_world_part) != self._parts:
+            raise ValueError(f"this scene has {self._parts} parts, not {len(truth.T_world_part)}")
+        screen = screen_of(self._triangles, truth.T_world_part, truth.T_world_camera, intrinsics)
+
+        def hides(uvz: Array) -> Array:
+            before_m = uvz[:, 2] - np.maximum(TOLERANCE_M, TOLERANCE_RELATIVE * uvz[:, 2])
+            hidden = screen.anything_before(uvz[:, :2], 1.0 / before_m)
+            if self._curved is not None:
+                hidden |= self._curved.nearest(uvz[:, :2], truth, intrinsics) < before_m
+            return hidden
+
+        return hides
+
+
+class _CurvedGeoms:
+    """Spheres, cylinders and their like have no triangles: MuJoCo casts at those only."""
+
+    def __init__(self, model: mujoco.MjModel, geoms: Array) -> None:
+        self._model = copy.copy(model)
+        self._model.geom_group[:] = _CURVED_GROUP + 1
+        self._model.geom_group[geoms] = _CURVED_GROUP
+        self._group = np.eye(6, dtype=np.uint8)[_CURVED_GROUP]
+        self._data = mujoco.MjData(self._model)
+        R = se3.rotation_from_quaternion(np.roll(model.geom_quat, -1, axis=-1))
+        self._T_part_geom = se3.from_rotation_translation(R, model.geom_pos)
+
+    def nearest(self, uv: Array, truth: FrameTruth, intrinsics: Intrinsics) -> Array:
+        """(N,) z-depth of the first hit of the rays through pixels (N, 2); inf where none."""
+        T_world_geom = truth.T_world_part[self._model.geom_bodyid] @ self._T_part_geom
+        self._data.geom_xpos[:] = T_world_geom[:, :3, 3]
+        self._data.geom_xmat[:] = T_world_geom[:, :3, :3].reshape(-1, 9)
+        pixels = np.concatenate([uv, np.ones((len(uv), 1))], axis=1)
+        to_world = truth.T_world_camera[:3, :3] @ np.linalg.inv(intrinsics.matrix)
+        rays = np.ascontiguousarray(pixels @ to_world.T)
+        geom, depth = np.full(len(uv), -1, np.int32), np.full(len(uv), -1.0)
+        if len(uv):
+            mujoco.mj_multiRay(self._model, self._data, truth.T_world_camera[:3, 3], rays.ravel(),
+                               self._group, True, -1, geom, depth, None, len(uv),
                                mujoco.mjMAXVAL)
-        missed = geom < 0
-        parts = np.where(missed, np.int32(-1), self._model.geom_bodyid[geom])
-        return np.where(missed, np.inf, distance), parts
-
-
-def _local_poses(positions: Array, quat_wxyz: Array) -> Array:
-    rotations = se3.rotation_from_quaternion(np.roll(quat_wxyz, -1, axis=-1))
-    return se3.from_rotation_translation(rotations, positions)
+        return np.where(geom < 0, np.inf, depth)

@@ -14,13 +14,11 @@ import numpy as np
 from simbench.truth.motion import PartMotion, Projection
 from simbench.truth.rays import RayCaster
 from simbench.truth.surface import (
-    TOLERANCE_M,
     TOLERANCE_RELATIVE,
     Surface,
     in_a_cell,
     plane_through,
 )
-from simbench.types import FrameTruth
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
@@ -64,17 +62,6 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
     pixel, uvz = np.concatenate(open_pixels), np.concatenate(open_uvz, axis=1).T
     hidden.ravel()[pixel] = _hidden(pixel, uvz, seen_i, seen_j, projection, intrinsics, caster)
     return Followed(flow, ahead, inside, hidden)
-
-
-def occluded_by_ray(uvz: Array, truth: FrameTruth, intrinsics: Intrinsics,
-                    caster: RayCaster) -> Array:
-    """(N,) bool: something stands before points given as (N, 3) pixels and z-depth."""
-    rays = np.array(uvz, np.float64)
-    rays[:, 2] = 1.0
-    to_world = truth.T_world_camera[:3, :3] @ np.linalg.inv(intrinsics.matrix)
-    caster.place(truth.T_world_part)
-    hit_depth, _ = caster.cast(truth.T_world_camera[:3, 3], rays @ to_world.T)
-    return hit_depth < uvz[:, 2] - np.maximum(TOLERANCE_M, TOLERANCE_RELATIVE * uvz[:, 2])
 
 
 def far_behind(uvz: Array, seen: Surface) -> Array:
@@ -132,5 +119,5 @@ def _hidden(pixel: Array, uvz: Array, seen_i: Surface, seen_j: Surface, projecti
     hidden = far_behind(uvz, seen_j)
     visible = _nothing_before_its_plane(pixel, uvz, seen_i, seen_j, projection)
     unknown = ~hidden & ~visible
-    hidden[unknown] = occluded_by_ray(uvz[unknown], seen_j.truth, intrinsics, caster)
+    hidden[unknown] = caster.hides(seen_j.truth, intrinsics)(uvz[unknown])
     return hidden
