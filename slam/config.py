@@ -104,7 +104,8 @@ class RefineConfig:
     """Sub-pixel alignment of the matches on the images."""
 
     use: Literal["auto", "always", "never"] = "auto"   # auto: where the system estimates the flow
-    grid_sigma_px: float = 1.0        # what a cell of estimated flow is trusted beside them
+    enough: int = 40                  # aligned corners of one motion that do without the grid
+    grid_sigma_px: float = 1.0        # what a cell of estimated flow is trusted elsewhere
 
 
 @dataclass(frozen=True, slots=True)

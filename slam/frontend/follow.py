@@ -6,8 +6,10 @@ import numpy as np
 
 from slam.config import NoiseConfig
 from slam.frontend.flow import sample_flow
+from slam.frontend.observe import Observation
 from slam.frontend.refine import RefineConfig, refine_matches
-from slam.frontend.sampling import depth_at, inside, nearest
+from slam.frontend.sampling import inside, nearest
+from slam.frontend.surface import fit_surfaces
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches
 from slam.types import FlowField, Points2D, Segments2D
@@ -23,34 +25,37 @@ def inverse_depth(depth_m: Array) -> Array:
     return np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
 
 
-def follow_points(points: Points2D, group_a: Array, flow: FlowField, labels_a: Array,
-                  depth_b: Array, group_b: Array, noise: NoiseConfig) -> tuple[PointMatches, Array]:
+def follow_points(points: Points2D, group_a: Array, flow: FlowField, a: Observation,
+                  b: Observation, group_b: Array,
+                  noise: NoiseConfig) -> tuple[PointMatches, Array, Array]:
     """Corners of frame a where the flow carries them, if they stay on their own motion's pixels.
 
     Args:
         group_a: (N,) motion group of each point; < 0 = none.
-        labels_a: (H, W) masks of a, so that flow is not mixed across their borders.
         group_b: (H, W) uint8 motion group of each pixel of b, 255 = none.
     Returns:
-        the matches, and which points they belong to (M,).
+        the matches, the slopes (M, 2) of their inverse depth in a, which points they are (M,).
     """
-    flow_at, known = sample_flow(flow, points.uv_px, labels_a)
+    flow_at, known = sample_flow(flow, points.uv_px, a.label_index)
     uv_b = points.uv_px + flow_at
-    known &= (points.depth_m > 0) & (group_a >= 0) & inside(uv_b, depth_b.shape, 2.0)
+    known &= (group_a >= 0) & inside(uv_b, group_b.shape, 2.0)
     index = np.flatnonzero(known)
     index = index[nearest(group_b, uv_b[index]) == group_a[index]]
-    rho_a = inverse_depth(points.depth_m[index])
-    rho_b = inverse_depth(depth_at(depth_b, uv_b[index]))
-    n, sigma = len(index), noise.inverse_depth_sigma
+    here = fit_surfaces(a.rho, a.label_index, points.uv_px[index])
+    found = here.rho > 0
+    index = index[found]
+    n = len(index)
+    there = fit_surfaces(b.rho, b.label_index, uv_b[index])
     return PointMatches(
-        uv_a=points.uv_px[index], rho_a=rho_a, rho_sigma_a=np.full(n, sigma), uv_b=uv_b[index],
+        uv_a=points.uv_px[index], rho_a=here.rho[found], rho_sigma_a=noise.inverse_depth_sigma * here.gain[found],
+        uv_b=uv_b[index],
         flow_cov=np.broadcast_to(np.eye(2) * noise.flow_sigma_px**2, (n, 2, 2)),
-        rho_b=rho_b, rho_sigma_b=np.where(rho_b > 0, sigma, np.inf), group=group_a[index],
-        kind=np.full(n, CORNER_KIND)), index
+        rho_b=there.rho, rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
+        group=group_a[index], kind=np.full(n, CORNER_KIND)), here.slope[found], index
 
 
-def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array | None, smooth_a: Array,
-                 smooth_b: Array, depth_b: Array, noise: NoiseConfig,
+def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smooth_a: Array,
+                 smooth_b: Array, b: Observation, noise: NoiseConfig,
                  config: RefineConfig) -> tuple[PointMatches, Array]:
     """The matches aligned on the images, with the covariance that their patches give.
 
@@ -63,13 +68,12 @@ def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array | Non
     aligned = refine_matches(smooth_a, smooth_b, matches.uv_a, expected_uv_b, config, warps)
     index = np.flatnonzero(aligned.converged)
     uv_b = aligned.uv_current[index]
-    rho_b = inverse_depth(depth_at(depth_b, uv_b))
-    sigma = noise.inverse_depth_sigma
+    there = fit_surfaces(b.rho, b.label_index, uv_b)
     return PointMatches(
         uv_a=matches.uv_a[index], rho_a=matches.rho_a[index],
         rho_sigma_a=matches.rho_sigma_a[index], uv_b=uv_b, flow_cov=aligned.covariance[index],
-        rho_b=rho_b, rho_sigma_b=np.where(rho_b > 0, sigma, np.inf), group=matches.group[index],
-        kind=np.full(len(index), REFINED_KIND)), index
+        rho_b=there.rho, rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
+        group=matches.group[index], kind=np.full(len(index), REFINED_KIND)), index
 
 
 def sample_positions(endpoints_px: Array) -> Array:

@@ -65,6 +65,7 @@ class _Matched:
 
     grid: PointMatches
     corners: PointMatches
+    slopes: Array              # (N, 2) of the corners' inverse depth, 1/m/px
     corner_index: Array
     lines: LineMatches
     line_index: Array
@@ -124,19 +125,18 @@ class MotionStage:
         noise = config.noise
         grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise)
         if image_flow:
-            # Errors of estimated flow are alike over many cells: averaging does not reduce them.
             grid = replace(grid, flow_cov=np.broadcast_to(
                 np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))
         labels_a = a.label_index
-        corners, corner_index = follow_points(
-            features.points, _groups_of(features.points.instance_id, group_of_a), flow, labels_a,
-            b.frame.depth_m, group_b, noise)
+        corners, slopes, corner_index = follow_points(
+            features.points, _groups_of(features.points.instance_id, group_of_a), flow, a, b,
+            group_b, noise)
         lines, line_index = no_lines(), np.zeros(0, np.int64)
         if config.segments.enabled and len(features.segments):
             lines, line_index = follow_segments(
                 features.segments, _groups_of(features.segments.instance_id, group_of_a), flow,
                 labels_a, group_b, noise)
-        return _Matched(grid, corners, corner_index, lines, line_index)
+        return _Matched(grid, corners, slopes, corner_index, lines, line_index)
 
     def _starts(self, matched: _Matched, expected: list[Array]) -> tuple[Array, dict[int, str]]:
         """Where each group's refinement starts, and the groups that have too little to start."""
@@ -195,30 +195,37 @@ class MotionStage:
         smooth_a, smooth_b = self._smoothed(a), self._smoothed(b)
         T_b_a = se3.inverse(T_a_b)
         corners = matched.corners
-        expected, warps = self._carried(corners.uv_a, corners.rho_a, T_b_a[corners.group])
-        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b,
-                                      b.frame.depth_m, self.config.noise, self._align)
+        expected, warps = self._carried(corners.uv_a, corners.rho_a, matched.slopes,
+                                        T_b_a[corners.group])
+        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b, b,
+                                      self.config.noise, self._align)
         lines, line_index = matched.lines, matched.line_index
         if len(lines):
             ends, _ = self._carried(lines.endpoints_a.reshape(-1, 2), lines.rho_a.reshape(-1),
+                                    np.zeros((2 * len(lines), 2)),
                                     np.repeat(T_b_a[lines.group], 2, axis=0))
             lines, chosen = align_segments(lines, ends.reshape(-1, 2, 2), smooth_a, smooth_b,
                                            self._align)
             line_index = line_index[chosen]
-        return _Matched(matched.grid, aligned, matched.corner_index[index], lines, line_index)
+        grid = matched.grid
+        if image_flow:
+            # Errors of estimated flow are alike over many cells: where aligned corners are
+            # enough, cells would only pull.
+            enough = np.bincount(aligned.group, minlength=len(T_a_b)) >= self.config.refine.enough
+            grid = take(grid, ~enough[grid.group])
+        return _Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
+                        lines, line_index)
 
-    def _carried(self, uv_a: Array, rho_a: Array, T_b_a: Array) -> tuple[Array, Array]:
-        """Where motions put pixels of known depth, and how they deform the image around them.
-
-        The deformation is that of a plane parallel to the image: scale and rotation.
-        """
+    def _carried(self, uv_a: Array, rho_a: Array, slopes: Array, T_b_a: Array
+                 ) -> tuple[Array, Array]:
+        """Where motions put pixels on inclined surfaces, and how they deform the image there."""
         rays = pinhole.rays(self.intrinsics, uv_a)
-        moved = np.einsum("nij,nj->ni", T_b_a[:, :3, :3], rays) + rho_a[:, None] * T_b_a[:, :3, 3]
+        R, t = T_b_a[:, :3, :3], T_b_a[:, :3, 3]
+        moved = np.einsum("nij,nj->ni", R, rays) + rho_a[:, None] * t
         uv = pinhole.project(self.intrinsics, moved)
-        fx, fy = self.intrinsics.fx, self.intrinsics.fy
         J = pinhole.project_jacobian(self.intrinsics, moved)
-        warps = J @ (T_b_a[:, :3, :2] / np.array([fx, fy]))
-        return uv, warps
+        per_pixel = R[:, :, :2] / np.array([self.intrinsics.fx, self.intrinsics.fy])
+        return uv, J @ (per_pixel + t[:, :, None] * slopes[:, None, :])
 
     def _smoothed(self, observation: Observation) -> Array:
         index = observation.frame.index
@@ -281,7 +288,8 @@ def _without(matched: _Matched, groups: Array) -> _Matched:
     corners = np.flatnonzero(~np.isin(matched.corners.group, groups))
     lines = np.flatnonzero(~np.isin(matched.lines.group, groups))
     return _Matched(take(matched.grid, ~np.isin(matched.grid.group, groups)),
-                    take(matched.corners, corners), matched.corner_index[corners],
+                    take(matched.corners, corners), matched.slopes[corners],
+                    matched.corner_index[corners],
                     take(matched.lines, lines), matched.line_index[lines])
 
 
