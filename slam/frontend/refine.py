@@ -9,15 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from slam.frontend.patches import (
-    extract_patches,
-    extract_patches_and_slopes,
-    fits,
-    spline_image,
-)
+from slam.frontend import symmetric
+from slam.frontend.patches import extract_patches, fits, spline_image
+from slam.frontend.support import patch_support
+from slam.frontend.templates import Templates, constrained, dot, make_templates
 from slam.geometry.arrays import Array, freeze_fields
 
 
@@ -47,7 +44,7 @@ class RefinedMatches:
     uv_current: Array    # (N, 2) px
     covariance: Array    # (N, 2, 2) px²
     converged: Array     # (N,) bool
-    residual: Array      # (N,) grey levels: weighted RMS of patch minus template; inf unconverged
+    residual: Array      # (N,) grey levels: σ of patch minus template; inf unconverged
 
     def __post_init__(self) -> None:
         freeze_fields(self, uv_current=("N", 2), covariance=("N", 2, 2), converged=("N",),
@@ -75,7 +72,7 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
         config: weights, iterations and gates.
         A: (N, 2, 2) local warps, offsets in the previous image to offsets in the current one;
             None: the patches only shift.
-        surface: (H, W) of the previous frame from `surface_image`: then of a patch only the
+        surface: (H, W) of the previous frame from `support.surface_image`: then of a patch only the
             pixels count that lie on its centre's surface; None: all do.
         direction: (N, 2) unit vectors along which alone the points move, as across a line;
             perpendicular to it their covariance is 0. None: they move freely.
@@ -98,7 +95,7 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
                      surface, None if direction is None else direction[i], config)
               for i in np.split(index, range(_BLOCK, len(index), _BLOCK))]
     found = _Alignment(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    good = ((found.ended > 0) & (found.correlation >= config.min_correlation)
+    good = (found.ended & (found.correlation >= config.min_correlation)
             & (np.linalg.norm(found.uv - start[index], axis=-1) <= config.max_move_px))
     if good.any():
         chosen = index[good]
@@ -110,7 +107,7 @@ def refine_matches(previous: Array, current: Array, uv_previous: Array,
     return RefinedMatches(uv, covariance, converged, residual)
 
 
-_BLOCK = 512           # patches worked on at a time: their arrays stay in the processor's cache
+_BLOCK = 512   # patches worked on at a time: their arrays stay in the processor's cache
 
 
 class _Alignment(NamedTuple):
@@ -120,26 +117,88 @@ class _Alignment(NamedTuple):
     correlation: Array   # (N,)
     residual: Array      # (N,) grey levels
     ended: Array         # (N,) bool: the steps became small
-    normal: Array        # (N, 3): as in _Filters
+    normal: Array        # (N, 3): as in Templates
     spread: Array        # (N, 3)
 
 
 def _align(previous: Array, current: Array, uv_previous: Array, start: Array, A: Array | None,
            surface: Array | None, direction: Array | None, config: RefineConfig) -> _Alignment:
     """One block of patches."""
-    weight = _window(config)
+    window = _window(config)[:, None]
     if surface is None:
-        weights = np.broadcast_to(weight[:, None], (len(weight), len(start)))
+        weights = np.broadcast_to(window, (len(window), len(start)))
     else:
-        weights = weight[:, None] * _support(surface, uv_previous, config.radius_px)
+        weights = window * patch_support(surface, uv_previous, config.radius_px)
     share = weights.sum(axis=0)
     weights = weights / np.maximum(share, 1e-6)
-    filters = _filters(previous, uv_previous, weights, A, config)
+    templates = make_templates(previous, uv_previous, weights, A, config.radius_px)
     if direction is not None:
-        filters = _constrained(filters, direction)
-    uv, correlation, residual, ended = _iterate(current, start, filters, config)
+        templates = constrained(templates, direction)
+    uv, correlation, residual, ended = _iterate(current, start, templates, config)
     return _Alignment(uv, correlation, residual, ended & (share >= config.min_support),
-                      filters.normal.T, filters.spread.T)
+                      templates.normal.T, templates.spread.T)
+
+
+def _window(config: RefineConfig) -> Array:
+    """(P,) float32 Gaussian weights that sum to 1."""
+    offset = np.arange(-config.radius_px, config.radius_px + 1)
+    line = np.exp(-0.5 * (offset / config.window_sigma_px) ** 2)
+    weight = np.outer(line, line).reshape(-1)
+    return np.asarray(weight / weight.sum(), dtype=np.float32)
+
+
+def _iterate(current: Array, start: Array, templates: Templates,
+             config: RefineConfig) -> tuple[Array, Array, Array, Array]:
+    """Positions (N, 2), correlations (N,), residuals (N,) and whether the steps ended (N,)."""
+    uv = start.copy()
+    count = len(uv)
+    correlation, residual, ended = np.zeros(count), np.full(count, np.inf), np.zeros(count, bool)
+    active = np.arange(count)
+    for _ in range(config.iterations):
+        active = active[fits(uv[active], current.shape, config.radius_px)]
+        if len(active) == 0:
+            break
+        own = templates if len(active) == count else templates.of(active)
+        patch = extract_patches(current, uv[active], config.radius_px)
+        patch = patch.reshape(len(own.weights), -1)
+        patch -= dot(own.weights, patch)
+        dots = np.einsum("kpn,pn->kn", own.taps, patch).astype(np.float64)
+        gain = np.clip(dots[2] / own.energy, 0.3, 3.0)
+        right = dots[:2] / gain
+        difference, on_edges = _difference(patch, gain, own)
+        # What is left of the difference once the best step is made is noise; misfit is not.
+        best = symmetric.solve(own.normal + _FLOOR, right)
+        noise = np.maximum(difference - gain * gain * (right * best).sum(axis=0),
+                           config.noise_floor_grey ** 2)
+        noise *= np.maximum(on_edges / np.maximum(difference, 1e-9), 1.0) / gain ** 2
+        variance = difference + gain * (2.0 * dots[2] - gain * own.energy)   # of the patch
+        correlation[active] = dots[2] / np.sqrt(own.energy * np.maximum(variance, 1e-6))
+        residual[active] = np.sqrt(noise)
+        prior = _prior_weight(noise, config)
+        held = own.normal + prior * symmetric.DIAGONAL
+        step = symmetric.solve(held, right + prior * (uv[active] - start[active]).T)
+        length = np.hypot(*step)
+        in_sigmas = np.sqrt(symmetric.quadratic(held, step) / prior) / config.prior_sigma_px
+        size = np.minimum(length / config.stop_px, in_sigmas / config.stop_sigmas)
+        uv[active] -= (step * np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))).T
+        ended[active] = size < 2.0
+        active = active[size >= 1.0]
+    return uv, correlation, residual, ended
+
+
+_FLOOR = 1e-3 * symmetric.DIAGONAL   # (grey/px)²: keeps flat patches solvable
+
+
+def _difference(patch: Array, gain: Array, templates: Templates) -> tuple[Array, Array]:
+    """Mean square (N,) of patch minus scaled template: over the window, and on its gradients.
+
+    Noise is everywhere; shadows, aliased edges and other surfaces differ just where edges are,
+    where it hurts.
+    """
+    squared = patch - gain.astype(np.float32) * templates.template
+    squared *= squared
+    return (dot(templates.weights, squared).astype(np.float64),
+            dot(templates.edges, squared).astype(np.float64))
 
 
 def _prior_weight(noise: Array, config: RefineConfig) -> Array:
@@ -149,8 +208,8 @@ def _prior_weight(noise: Array, config: RefineConfig) -> Array:
         noise: (N,) variance of a patch difference, grey². The window's weights sum to 1, so the
             noise of the matrix's right-hand side is smaller by Σ w².
     """
-    weight = _window(config)
-    return np.asarray(_noise_gain(config) * float(weight @ weight) * noise
+    window = _window(config)
+    return np.asarray(_noise_gain(config) * float(window @ window) * noise
                       / config.prior_sigma_px ** 2)
 
 
@@ -163,82 +222,12 @@ def _noise_gain(config: RefineConfig) -> float:
     return max(1.0, 2.5 * np.pi * config.blur_sigma_px ** 2)
 
 
-def _solve(normal: Array, right: Array) -> Array:
-    """(2, N) solutions of symmetric 2×2 systems, the matrices as (3, N): uu, uv, vv."""
-    uu, uv, vv = normal
-    determinant = np.maximum(uu * vv - uv * uv, 1e-12)
-    return np.asarray(np.stack([vv * right[0] - uv * right[1],
-                                uu * right[1] - uv * right[0]]) / determinant)
-
-
-def _length_in_sigmas(step: Array, normal: Array, prior: Array, config: RefineConfig) -> Array:
-    """(N,) length of steps (2, N) against the uncertainty of the position they lead to."""
-    (u, v), (uu, uv, vv) = step, normal + prior * _DIAGONAL
-    variance = np.maximum(prior * config.prior_sigma_px ** 2, 1e-12)
-    return np.asarray(np.sqrt(np.maximum(uu * u * u + 2 * uv * u * v + vv * v * v, 0) / variance))
-
-
-def _iterate(current: Array, start: Array, filters: _Filters,
-             config: RefineConfig) -> tuple[Array, Array, Array, Array]:
-    """Positions (N, 2), correlations (N,), residuals (N,) and whether the steps ended (N,)."""
-    uv = start.copy()
-    count = len(uv)
-    correlation, residual, ended = np.zeros(count), np.full(count, np.inf), np.zeros(count, bool)
-    active = np.arange(count)
-    own = filters
-    for _ in range(config.iterations):
-        stays = fits(uv[active], current.shape, config.radius_px)
-        if not stays.all() or len(active) < own.taps.shape[-1]:
-            active = active[stays]
-            own = filters.of(active)
-        if len(active) == 0:
-            break
-        patch = extract_patches(current, uv[active], config.radius_px)
-        patch = patch.reshape(len(own.weights), -1)
-        patch -= _dot(own.weights, patch)
-        dots = np.einsum("kpn,pn->kn", own.taps, patch).astype(np.float64)
-        variance = np.maximum(np.einsum("pn,pn,pn->n", own.weights, patch, patch), 1e-6)
-        energy, normal = own.energy, own.normal
-        gain = np.clip(dots[2] / energy, 0.3, 3.0)
-        right = dots[:2] / gain
-        # What is left of the difference once the best step is made is noise; misfit is not.
-        unexplained = (variance - dots[2] ** 2 / energy
-                       - gain * gain * (right * _solve(normal + _FLOOR, right)).sum(axis=0))
-        noise = np.maximum(unexplained, config.noise_floor_grey ** 2)
-        noise *= _concentration(patch, gain, own)
-        correlation[active] = dots[2] / np.sqrt(energy * variance)
-        residual[active] = np.sqrt(noise)
-        prior = _prior_weight(noise / gain ** 2, config)
-        moved = (uv[active] - start[active]).T
-        step = _solve(normal + prior * _DIAGONAL, right + prior * moved)
-        length = np.hypot(*step)
-        sigmas = _length_in_sigmas(step, normal, prior, config)
-
-        def small(factor: float, length: Array = length, sigmas: Array = sigmas) -> Array:
-            return (length < factor * config.stop_px) | (sigmas < factor * config.stop_sigmas)
-
-        step *= np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))
-        uv[active] -= step.T
-        ended[active] = small(2.0)
-        active = active[~small(1.0)]
-    return uv, correlation, residual, ended
-
-
-_DIAGONAL = np.array([[1.0], [0.0], [1.0]])   # of a symmetric 2×2 matrix as uu, uv, vv
-_FLOOR = 1e-3 * _DIAGONAL                     # (grey/px)²: keeps flat patches solvable
-
-
 def _covariance(normal: Array, spread: Array, residual: Array, config: RefineConfig) -> Array:
     """(N, 2, 2) of positions: what noise and a wrong prior do to them."""
     # Half a patch's own noise, which is a rough estimate, and half that of most patches.
     noise = 0.5 * (residual ** 2 + np.median(residual) ** 2)
     prior = _prior_weight(noise, config)
-    inverse = _inverse(_symmetric(normal + prior * _DIAGONAL))
-    inside = _symmetric(_noise_gain(config) * noise * spread
-                        + prior ** 2 * config.prior_sigma_px ** 2 * _DIAGONAL)
+    inverse = symmetric.inverse(symmetric.full(normal + prior * symmetric.DIAGONAL))
+    inside = symmetric.full(_noise_gain(config) * noise * spread
+                            + prior ** 2 * config.prior_sigma_px ** 2 * symmetric.DIAGONAL)
     return np.asarray(np.einsum("ijn,jkn,kln->nil", inverse, inside, inverse))
-
-
-def _symmetric(upper: Array) -> Array:
-    """(2, 2, N) from (3, N): uu, uv, vv."""
-    return np.asarray(upper[[0, 1, 1, 2]].reshape(2, 2, -1))

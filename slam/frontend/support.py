@@ -7,6 +7,9 @@ import numpy as np
 
 from slam.geometry.arrays import Array
 
+_SAME_SURFACE = 0.08   # of log depth over a patch's radius: 8 %, a plane at 80° 5 px off at f = 500
+
+
 def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
     """(H, W) float32 that tells surfaces apart: log depth, a step apart for each instance.
 
@@ -20,9 +23,6 @@ def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
     box = np.ones((3, 3), np.uint8)
     image[cv2.dilate(image, box) - cv2.erode(image, box) > _SAME_SURFACE] = np.nan
     return image
-
-
-_SAME_SURFACE = 0.08   # of log depth over a patch's radius: 8 %, a plane at 80° 5 px off at f = 500
 
 
 def patch_support(surface: Array, uv_px: Array, radius: int) -> Array:

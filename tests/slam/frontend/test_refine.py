@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from slam.frontend.refine import RefineConfig, prepare_image, refine_matches, surface_image
+from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
+from slam.frontend.support import surface_image
 from wave_pictures import lattice, picture
 
 
