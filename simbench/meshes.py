@@ -29,7 +29,8 @@ class MeshBuilder:
 
     def __init__(self) -> None:
         self._corners: list[Array] = []
-        self._uv: list[Array] = []
+        self._uv: list[Array] = []       # NaN: to be made from the corners
+        self._scale: list[Array] = []    # (Q, 3): tiles per metre and shift, for those
 
     def __len__(self) -> int:
         return sum(len(each) for each in self._corners)
@@ -45,10 +46,9 @@ class MeshBuilder:
                 plus `shift`.
         """
         corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
-        area = np.linalg.norm(_diagonals_cross(corners), axis=1)
-        corners, uv = corners[area > 1e-9], None if uv is None else uv[area > 1e-9]
         self._corners.append(corners)
-        self._uv.append(metric_uv(corners) * scale + np.asarray(shift) if uv is None else uv)
+        self._uv.append(np.full((len(corners), 4, 2), np.nan) if uv is None else uv)
+        self._scale.append(np.tile([scale, *np.asarray(shift)], (len(corners), 1)))
 
     def box(self, centre: ArrayLike, size: ArrayLike, R: Array | None = None, scale: float = 1.0,
             shift: ArrayLike = (0.0, 0.0), fit: bool = False, tile_m: float | None = None) -> None:
@@ -69,9 +69,20 @@ class MeshBuilder:
         """Add an upright box whose texture depends on where it stands: it runs on to neighbours."""
         self.quads(_FACES * (np.asarray(size) / 2.0) + np.asarray(centre), None, scale, shift)
 
+    def merge(self, other: MeshBuilder, place: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Add all quads of another builder, moved by `place` (3,) m, textures as they are there."""
+        for corners, uv, scale in zip(other._corners, other._uv, other._scale, strict=True):
+            made = metric_uv(corners) * scale[:, None, :1] + scale[:, None, 1:]
+            self.quads(corners + np.asarray(place), np.where(np.isnan(uv), made, uv))
+
     def add_to(self, spec: mujoco.MjSpec, name: str, smooth: bool = False) -> None:
         """Put the mesh into `spec`; `smooth` rounds the shading over edges below 35 degrees."""
-        corners, uv = np.concatenate(self._corners), np.concatenate(self._uv)
+        corners, uv, scale = (np.concatenate(each) for each in
+                              (self._corners, self._uv, self._scale))
+        has_area = np.linalg.norm(_diagonals_cross(corners), axis=1) > 1e-9
+        corners, uv, scale = corners[has_area], uv[has_area], scale[has_area]
+        metric = metric_uv(corners) * scale[:, None, :1] + scale[:, None, 1:]
+        uv = np.where(np.isnan(uv), metric, uv)
         normal = _quad_normals(corners)
         normals = _smoothed(corners, normal) if smooth else np.repeat(normal[:, None], 4, axis=1)
         index = np.arange(4 * len(corners)).reshape(-1, 4)
@@ -145,7 +156,8 @@ def _diagonals_cross(corners: Array) -> Array:
 
 def _quad_normals(corners: Array) -> Array:
     normal = _diagonals_cross(corners)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.asarray(normal / np.where(length > 0.0, length, 1.0))
 
 
 def _split(corners: Array, uv: Array, tile_m: float) -> tuple[Array, Array]:

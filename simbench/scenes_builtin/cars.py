@@ -80,7 +80,7 @@ def draw_look(spec: mujoco.MjSpec, rng: np.random.Generator, name: str,
     return CarLook(shape, material.name)
 
 
-def add_car_meshes(spec: mujoco.MjSpec, shape: CarShape) -> None:
+def add_car_meshes(spec: mujoco.MjSpec, shape: CarShape, flaps: bool) -> None:
     """Put the meshes that all cars of the shape share into `spec`."""
     painted, glass, trim = _hull(shape)
     lamps, tails = MeshBuilder(), MeshBuilder()
@@ -97,12 +97,20 @@ def add_car_meshes(spec: mujoco.MjSpec, shape: CarShape) -> None:
         trim.box((x + reach / 2.0, 0.0, 0.41), (0.16, 2.0 * shape.half_width - 0.06, 0.17))
         lamps.box((x + reach * 2.0, 0.0, 0.42), (0.04, 0.46, 0.11))
     trim.box((front - 0.01, 0.0, low - 0.07), (0.08, 0.9, 0.10))
-    for part, builder in (("hull", painted), ("glass", glass), ("trim", trim),
-                          ("lamps", lamps), ("tails", tails)):
-        builder.add_to(spec, f"{shape.name} {part}", smooth=part == "hull")
+    for part, builder in (("glass", glass), ("trim", trim), ("lamps", lamps), ("tails", tails)):
+        builder.add_to(spec, f"{shape.name} {part}")
+    if flaps:
+        painted.add_to(spec, f"{shape.name} hull", smooth=True)
     for name, panel in _panels(shape).items():
-        panel.add_to(spec, f"{shape.name} {name}")
-    _wheel(shape.wheel_radius).add_to(spec, f"{shape.name} wheel")
+        if flaps:
+            panel.add_to(spec, f"{shape.name} {name}")
+        painted.merge(panel)
+    painted.add_to(spec, f"{shape.name} closed hull", smooth=True)
+    wheel, wheels = _wheel(shape.wheel_radius), MeshBuilder()
+    for place in _wheel_places(shape):
+        wheels.merge(wheel, place)
+    wheel.add_to(spec, f"{shape.name} wheel")
+    wheels.add_to(spec, f"{shape.name} wheels")
 
 
 def add_car(spec: mujoco.MjSpec, name: str, look: CarLook, flaps: bool, rolls: bool
@@ -114,7 +122,7 @@ def add_car(spec: mujoco.MjSpec, name: str, look: CarLook, flaps: bool, rolls: b
     """
     shape = look.shape
     car = spec.worldbody.add_body(name=name)
-    visible_geom(car, f"{shape.name} hull", look.paint)
+    visible_geom(car, f"{shape.name} {'hull' if flaps else 'closed hull'}", look.paint)
     for part in ("glass", "trim", "lamp", "tail"):
         mesh = part if part in ("glass", "trim") else f"{part}s"
         visible_geom(car, f"{shape.name} {mesh}", f"car {part}")
@@ -122,22 +130,17 @@ def add_car(spec: mujoco.MjSpec, name: str, look: CarLook, flaps: bool, rolls: b
     hinges = {"left door": ([shape.door[1], shape.half_width, 0.0], [0.0, 0.0, -1.0]),
               "right door": ([shape.door[1], -shape.half_width, 0.0], [0.0, 0.0, 1.0]),
               "tailgate": ([rear, 0.0, shape.belt[0][1] - 0.02], [0.0, 1.0, 0.0])}
-    for panel, (place, axis) in hinges.items():
-        body = car
-        if flaps:
+    if flaps:
+        for panel, (place, axis) in hinges.items():
             body = _jointed(car, f"{name} {panel}", place, axis)
-        visible_geom(body, f"{shape.name} {panel}", look.paint)
-    for number, (x, side) in enumerate((x, s) for x in shape.axles for s in (-1.0, 1.0)):
-        place = [x, side * (shape.half_width - 0.10), shape.wheel_radius]
-        if rolls:
-            body = car.add_body(name=f"{name} wheel {number}", pos=place)
-            _weightless(body)
-            body.add_joint(name=f"{name} wheel {number}", axis=[0.0, 1.0, 0.0],
-                           type=mujoco.mjtJoint.mjJNT_HINGE)
-            visible_geom(body, f"{shape.name} wheel", "wheel")
-        else:
-            visible_geom(car, f"{shape.name} wheel", "wheel")
-            car.geoms[-1].pos = place
+            visible_geom(body, f"{shape.name} {panel}", look.paint)
+    if not rolls:
+        visible_geom(car, f"{shape.name} wheels", "wheel")
+        return car
+    for number, place in enumerate(_wheel_places(shape)):
+        body = _jointed(car, f"{name} wheel {number}", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        body.pos = place
+        visible_geom(body, f"{shape.name} wheel", "wheel")
     return car
 
 
@@ -146,6 +149,11 @@ def flap_angles(name: str, share: Array) -> dict[str, float]:
     angle = _DOOR_OPEN_RAD * share
     return {f"{name} left door": float(angle[0]), f"{name} right door": float(angle[1]),
             f"{name} tailgate": float(angle[2])}
+
+
+def _wheel_places(shape: CarShape) -> list[list[float]]:
+    return [[x, side * (shape.half_width - 0.10), shape.wheel_radius]
+            for x in shape.axles for side in (-1.0, 1.0)]
 
 
 def _jointed(parent: mujoco.MjsBody, name: str, place: list[float], axis: list[float]

@@ -58,13 +58,13 @@ class _Driver:
 def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     """Build the town, park cars in it, and set others going."""
     build_town(spec, generator(seed, 0))
+    opening = 1.0 - dials["rigidity"]
     for shape in SHAPES:
-        add_car_meshes(spec, shape)
+        add_car_meshes(spec, shape, flaps=opening > 0.0)
     _raise_sun(spec, generator(seed, 1))
     parked = _park(spec, generator(seed, 2))
     ego = _Ego.draw(generator(seed, 3), dials["camera_speed"])
     drivers = _draw_traffic(spec, generator(seed, 4), ego, round(dials["objects"]), dials["speed"])
-    opening = 1.0 - dials["rigidity"]
     for driver in drivers:
         add_car(spec, driver.name, driver.look, flaps=opening > 0.0, rolls=True)
 

@@ -93,8 +93,8 @@ class _Wall:
 
 def build_town(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     """Build everything that stands still (parked cars apart) into the world body."""
-    for number in range(_FACADES):
-        set_texture(spec.material(f"facade {number}"), str(rng.choice(_FACADE_TEXTURES)))
+    for number, texture in enumerate(rng.permutation(_FACADE_TEXTURES)):
+        set_texture(spec.material(f"facade {number}"), str(texture))
     for material in spec.materials:
         if not material.name.startswith("car"):
             material.rgba = jittered_rgba(rng, material.rgba[:3], 0.12)
@@ -181,12 +181,13 @@ def _build_block(town: _Town, rng: np.random.Generator, place: str, x: tuple[flo
         town.quads(place, "trim", np.array([[*a, 0.0], [*b, 0.0], [*b, _KERB_M], [*a, _KERB_M]]))
         length = float(np.linalg.norm(b - a))
         wall = _Wall(a, (b - a) / length, _KERB_M)
-        _furnish_sidewalk(town, rng, place, wall, length)
+        row = f"{place} row {k}"
+        _furnish_sidewalk(town, rng, f"{row} kerb", wall, length)
         # The houses in the south and north rows hold the corners of the block.
         holds = k % 2 == 0
         start = inset if holds else (inset + _DEPTH_M if roads[k - 1] else 0.0)
         stop = length - (inset if holds else (inset + _DEPTH_M if roads[(k + 1) % 4] else 0.0))
-        _build_row(town, rng, place, wall, start, stop, inset)
+        _build_row(town, rng, row, wall, start, stop, inset)
 
 
 def _build_row(town: _Town, rng: np.random.Generator, place: str, kerb: _Wall, start: float,
