@@ -164,7 +164,7 @@ class PerturbedTruth:
                 self.found.setdefault(track, []).append((k, H, centroid))
         self.poses.append(pose)
         self.stamps.append(frame.stamp_s)
-        points = Points2D(np.array([[5.0 + k % 3, 6.0], [40.0, 20.0]]), np.array([4.0, 4.0]),
+        points = Points2D(np.array([[8.0 + k % 3, 27.0], [40.0, 40.0]]), np.array([4.0, 4.0]),
                           np.array([0, 1]), np.array([11, 0], dtype=np.int32))
         segments = Segments2D(np.array([[[2.0, 2.0], [30.0, 4.0]], [[6.0, 10.0], [16.0, 28.0]]]),
                               np.full((2, 2), 4.0), np.array([0, 1]), np.array([0, 11], np.int32))

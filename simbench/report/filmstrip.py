@@ -71,7 +71,7 @@ def picture(frame: Frame, estimate: FrameEstimate, last_stamp_s: float | None) -
     if frame.instance_id is not None:
         _write_speeds(image, frame.instance_id, moving, speeds, scale)
     if estimate.status is Status.LOST:
-        _write(image, "LOST", (12, 34), LOST, 1.0)
+        _write_tag(image, "LOST", (50.0, 44.0), LOST)
     ok, jpeg = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]),
                             [cv2.IMWRITE_JPEG_QUALITY, 82])
     assert ok   # OpenCV can always encode an 8-bit image in memory
@@ -154,21 +154,23 @@ def _write_speeds(image: Array, labels: Array,
                   speeds: Mapping[int, float], scale: int) -> None:
     for label, (track, _) in moving.items():
         rows, columns = np.nonzero(labels == label)
-        if track not in speeds or not len(rows):
-            continue
-        size = 0.42 * scale if scale > 1 else 0.55
-        text = shown_speed(speeds[track])
-        width, height = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, scale)[0]
-        u = int(np.clip(columns.mean() * scale - width / 2, 2, image.shape[1] - width - 2))
-        v = int(np.clip(rows.min() * scale - 6, height + 4, image.shape[0] - 4))
-        _write(image, text, (u, v), tint_of(track), size, scale)
+        if track in speeds and len(rows):
+            # Not the very top: a pendulum's rod belongs to its mask, the tag to its bob.
+            at = (float(np.median(columns)) * scale, float(np.percentile(rows, 8)) * scale)
+            _write_tag(image, shown_speed(speeds[track]), at, tint_of(track))
 
 
-def _write(image: Array, text: str, at: tuple[int, int], colour: tuple[int, int, int],
-           size: float, thickness: int = 2) -> None:
-    """Text with a dark rim, to be read on any ground."""
-    for ink, width in (((15, 15, 15), thickness + 3), (colour, thickness)):
-        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, ink, width, cv2.LINE_AA)
+def _write_tag(image: Array, text: str, above: tuple[float, float],
+               colour: tuple[int, int, int]) -> None:
+    """Dark text on a tag of the colour, its foot on a point, kept inside the image."""
+    size, pad = 0.75, 6
+    (width, height), foot = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 2)
+    left = int(np.clip(above[0] - width / 2 - pad, 0, max(0, image.shape[1] - width - 2 * pad)))
+    tall = height + foot + 2 * pad
+    bottom = int(np.clip(above[1] - 4, tall, image.shape[0] - 1))
+    cv2.rectangle(image, (left, bottom - tall), (left + width + 2 * pad, bottom), colour, -1)
+    cv2.putText(image, text, (left + pad, bottom - pad - foot + 2), cv2.FONT_HERSHEY_SIMPLEX,
+                size, (16, 18, 20), 2, cv2.LINE_AA)
 
 
 def _caption(frame: Frame, estimate: FrameEstimate, speeds: Mapping[int, float]) -> str:

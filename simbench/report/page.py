@@ -9,11 +9,12 @@ from typing import Any
 
 import jinja2
 import yaml
+from markupsafe import Markup, escape
 
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import Picture
 from simbench.report.plots import all_path_plots, error_plots
-from simbench.report.table import error_table, trajectory_table
+from simbench.report.table import error_table, shown_number, trajectory_table
 
 
 def render_report(content: ReportContent) -> str:
@@ -21,6 +22,7 @@ def render_report(content: ReportContent) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("simbench.report", "templates"),
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["indices"] = _indices
     metrics = content.metrics
     return environment.get_template("report.html.j2").render(
         system=metrics.get("system", "estimate"),
@@ -38,6 +40,14 @@ def render_report(content: ReportContent) -> str:
         log=list(content.log), version=_version())
 
 
+def _indices(text: str) -> Markup:
+    """E_t and E_R with a true index."""
+    safe = str(escape(text))
+    for name in ("t", "R"):
+        safe = safe.replace(f"E_{name}", f"E<sub>{name}</sub>")
+    return Markup(safe)
+
+
 def _shown(picture: Picture) -> dict[str, Any]:
     return {"uri": "data:image/jpeg;base64," + base64.b64encode(picture.jpeg).decode("ascii"),
             "width": picture.width, "height": picture.height, "caption": picture.caption,
@@ -52,7 +62,7 @@ def _tiles(metrics: Mapping[str, Any], content: ReportContent) -> list[tuple[str
         if "E_t" in block:
             length, unit = _length(block["E_t"])
             tiles.append((f"{label} E_t", length, unit))
-            tiles.append((f"{label} E_R", f"{block['E_R']:.3g}", "°"))
+            tiles.append((f"{label} E_R", shown_number(block["E_R"]), "°"))
     if "coverage" in camera:
         tiles.append(("Camera coverage", f"{100 * camera['coverage']:.3g}", "%"))
     if "coverage" in mean:
@@ -67,7 +77,7 @@ def _tiles(metrics: Mapping[str, Any], content: ReportContent) -> list[tuple[str
 
 
 def _length(metres: float) -> tuple[str, str]:
-    return (f"{1e3 * metres:.3g}", "mm") if metres < 0.02 else (f"{metres:.3g}", "m")
+    return (shown_number(1e3 * metres), "mm") if metres < 0.02 else (shown_number(metres), "m")
 
 
 def _stages(timing: Mapping[str, Any]) -> list[tuple[str, float, float]]:

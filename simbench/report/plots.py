@@ -87,29 +87,35 @@ def path_plots(path: Path3D, how: str) -> list[Plot]:
     reach = np.nanmax(both, axis=0) - np.nanmin(both, axis=0)
     across, up = sorted(np.argsort(reach)[-2:].tolist())
     has_truth = bool(np.any(np.isfinite(path.true)))
+    to_scale = bool(reach[[across, up]].min() > 0.1 * reach[[across, up]].max())
+    scale = "axes to scale" if to_scale else "axes not to scale"
     compared = "estimated (blue) against true (dashed)" if has_truth else "estimated"
     return [
-        Plot(_plane(path, across, up, has_truth), f"{path.name}: path",
-             f"{_AXES[across]}–{_AXES[up]} plane of the world, metres; {compared}. {how}",
+        Plot(_plane(path, across, up, has_truth, to_scale), f"{path.name}: path",
+             f"{_AXES[across]}–{_AXES[up]} plane of the world in metres, {scale}; {compared}. "
+             f"{how}",
              f"Path of {path.name} in the {_AXES[across]}-{_AXES[up]} plane, {compared}"),
         Plot(_over_time(path, has_truth), f"{path.name}: position over time",
              f"x, y, z in metres over time in seconds; {compared}.",
              f"x, y and z of {path.name} over time, {compared}")]
 
 
-def _plane(path: Path3D, across: int, up: int, has_truth: bool) -> str:
+def _plane(path: Path3D, across: int, up: int, has_truth: bool, to_scale: bool) -> str:
     drawing = Drawing(4.4, 3.2)
     with drawing as figure:
         axes = figure.add_subplot()
         if has_truth:
             axes.plot(path.true[:, across], path.true[:, up], color=INK, linestyle=(0, (4, 2)),
-                      linewidth=1.0, label="true")
+                      linewidth=1.0, label="true", zorder=3)
         axes.plot(path.estimated[:, across], path.estimated[:, up], color=ESTIMATE,
-                  label="estimated")
+                  linewidth=2.2, label="estimated")
         first = path.estimated[np.flatnonzero(np.isfinite(path.estimated[:, 0]))[0]]
         axes.plot(first[across], first[up], "o", color=ESTIMATE, markersize=5,
                   label="start", markeredgecolor="none")
-        axes.set_aspect("equal", adjustable="datalim")
+        if to_scale:
+            axes.set_aspect("equal", adjustable="datalim")
+        else:
+            _at_least_in_both(axes, 1e-2)
         axes.set_xlabel(f"{_AXES[across]} (m)")
         axes.set_ylabel(f"{_AXES[up]} (m)")
         axes.legend(loc="best")
@@ -123,14 +129,22 @@ def _over_time(path: Path3D, has_truth: bool) -> str:
         for i, axes in enumerate(rows):
             if has_truth:
                 axes.plot(path.time_s, path.true[:, i], color=INK, linestyle=(0, (4, 2)),
-                          linewidth=1.0)
-            axes.plot(path.time_s, path.estimated[:, i], color=ESTIMATE)
+                          linewidth=1.0, zorder=3)
+            axes.plot(path.time_s, path.estimated[:, i], color=ESTIMATE, linewidth=2.2)
             axes.set_ylabel(f"{_AXES[i]} (m)")
             axes.locator_params(axis="y", nbins=4)
             _at_least(axes, 1e-3)
         rows[-1].set_xlabel("time (s)")
         figure.align_ylabels()
     return drawing.svg
+
+
+def _at_least_in_both(axes: Axes, reach: float) -> None:
+    left, right = axes.get_xlim()
+    if right - left < reach:
+        middle = 0.5 * (left + right)
+        axes.set_xlim(middle - reach / 2, middle + reach / 2)
+    _at_least(axes, reach)
 
 
 def _at_least(axes: Axes, height: float) -> None:
@@ -186,8 +200,8 @@ def _error_plot(content: ReportContent, series: list[_Series], title: str,
                              linestyle=(0, (1, 2)), label="floor of the truth")
             axes.set_ylim(bottom=0.0)
             _shade_lost(axes, content, time_s)
-        upper.set_ylabel(f"E_t ({unit})")
-        lower.set_ylabel("E_R (°)")
+        upper.set_ylabel(f"$E_t$ ({unit})")
+        lower.set_ylabel("$E_R$ (°)")
         lower.set_xlabel("time (s)")
         if len(series) > 1 or floor:
             figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center",

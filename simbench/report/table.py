@@ -23,8 +23,8 @@ def error_table(metrics: Mapping[str, Any]) -> ErrorTable:
     unit, scale = _unit(metrics)
     columns = ("", f"E_t ({unit})", "E_R (°)", f"E_t local ({unit})", "E_R local (°)",
                "coverage (%)")
-    rows = tuple((name, _number(block.get("E_t"), scale), _number(block.get("E_R")),
-                  _number(block.get("E_t_local"), scale), _number(block.get("E_R_local")),
+    rows = tuple((name, shown_number(block.get("E_t"), scale), shown_number(block.get("E_R")),
+                  shown_number(block.get("E_t_local"), scale), shown_number(block.get("E_R_local")),
                   _percent(block.get("coverage"))) for name, block in _blocks(metrics))
     return _without_empty_columns(columns, rows, tuple(_notes(metrics, unit, scale)))
 
@@ -34,15 +34,15 @@ def trajectory_table(metrics: Mapping[str, Any]) -> ErrorTable:
     unit, scale = _unit(metrics)
     columns = ["", f"ATE ({unit})"]
     for over in ("1 frame", "10 frames", "1 s"):
-        columns += [f"RPE {over} ({unit})", "(°)"]
+        columns += [f"RPE {over} ({unit})", f"RPE {over} (°)"]
     rows = []
     for name, block in _blocks(metrics):
         if "ate" not in block:
             continue
-        row = [name, _number(block["ate"]["rmse"], scale)]
+        row = [name, shown_number(block["ate"]["rmse"], scale)]
         for key in ("1f", "10f", "1s"):
             rpe = block.get("rpe", {}).get(key, {})
-            row += [_number(rpe.get("t_rmse"), scale), _number(rpe.get("r_rmse_deg"))]
+            row += [shown_number(rpe.get("t_rmse"), scale), shown_number(rpe.get("r_rmse_deg"))]
         rows.append(tuple(row))
     return _without_empty_columns(tuple(columns), tuple(rows), ())
 
@@ -71,7 +71,7 @@ def _blocks(metrics: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]
             if key != "mean" and block.get("moving_frames"):
                 yield _object_name(key, block) + label, block
         if "coverage" in objects.get("mean", {}) and len(objects) > 2:
-            yield f"objects, mean{label}", objects["mean"]
+            yield f"all objects{label}", objects["mean"]
 
 
 def _same(metrics: Mapping[str, Any]) -> bool:
@@ -82,8 +82,7 @@ def _same(metrics: Mapping[str, Any]) -> bool:
 
 
 def _object_name(key: str, block: Mapping[str, Any]) -> str:
-    name = block.get("name")
-    text = f"{name} ({key})" if name else f"object {key}"
+    text = block.get("name") or f"object {key}"
     return text if block.get("rigid", True) else f"{text}, not rigid"
 
 
@@ -94,8 +93,8 @@ def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]
                                   *((_object_name(k, b), b) for k, b in objects.items())]
               if "truth_smoothness_floor" in block]
     if floors:
-        listed = ", ".join(f"{name} {_number(floor['E_t'], scale)} {unit} / "
-                           f"{_number(floor['E_R'])}°" for name, floor in floors)
+        listed = ", ".join(f"{name} {shown_number(floor['E_t'], scale)} {unit} / "
+                           f"{shown_number(floor['E_R'])}°" for name, floor in floors)
         yield ("The truth is a recording's and jitters: a straight line through its own motions, "
                f"with no vision at all, scores {listed}. E below that rewards smoothing; read the "
                "RPE over 10 frames.")
@@ -112,8 +111,8 @@ def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]
         yield f"Counted besides: {', '.join(counts)}."
 
 
-def _number(value: float | None, scale: float = 1.0) -> str:
-    """Three significant digits, never in powers of ten above 1e-6."""
+def shown_number(value: float | None, scale: float = 1.0) -> str:
+    """Three significant digits (two below a thousandth), never in powers of ten above 1e-6."""
     if value is None:
         return NONE
     value *= scale
@@ -123,12 +122,9 @@ def _number(value: float | None, scale: float = 1.0) -> str:
         return "<1e-6"
     if abs(value) >= 1000:
         return f"{value:.0f}"
-    digits = 3 - len(str(int(abs(value)))) if abs(value) >= 1 else 2 - _exponent(value)
+    exponent = int(f"{abs(value):.2e}".split("e")[1])
+    digits = (1 if exponent < -3 else 2) - exponent
     return f"{value:.{max(0, digits)}f}"
-
-
-def _exponent(value: float) -> int:
-    return int(f"{abs(value):.2e}".split("e")[1])
 
 
 def _percent(value: float | None) -> str:

@@ -1,0 +1,209 @@
+"""The page: complete, self-contained, well-formed, and drawn by a browser where there is one."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from simbench.report.content import ReportContent
+from simbench.report.filmstrip import (
+    DYNAMIC_LINE,
+    OBJECT_POINT,
+    STATIC_LINE,
+    STATIC_POINT,
+    Filmstrip,
+    shown_speed,
+    speed_m_s,
+)
+from simbench.report.page import render_report
+from simbench.report.plots import all_path_plots, error_plots
+from simbench.report.table import error_table, shown_number, trajectory_table
+from simbench.run import run, score
+from simbench.score import Online
+from slam.geometry import se3
+from slam.types import ObjectEstimate
+from synthetic import PerturbedTruth, SyntheticFeed, SyntheticSequence, world
+
+TRUTH = world()
+P = se3.exp(np.array([0.001, -0.002, 0.0005, 0.003, 0.001, -0.002]))
+
+
+@pytest.fixture(scope="module")
+def content() -> ReportContent:
+    film = Filmstrip(len(TRUTH.stamps_s), 3)
+    feed = SyntheticFeed(SyntheticSequence(TRUTH, broken=(7,)))
+    record = run(PerturbedTruth(TRUTH, P, P), feed, observers=(film,))
+    metrics = {"system": "sdpl <b>", "sequence": {"name": "synthetic", "frames": 40,
+                                                  "sha256": "ab" * 32}}
+    metrics |= score(TRUTH, record)
+    online = Online.of(record)
+    return ReportContent.of(metrics, record.stamps_s, online.camera, online.motions, online.owner,
+                            TRUTH, True, film.pictures, {"seed": 3, "settings": {"a": "<script>"}},
+                            record.log)
+
+
+@pytest.fixture(scope="module")
+def page(content: ReportContent) -> str:
+    return render_report(content)
+
+
+class Outline(HTMLParser):
+    """Checks that tags close, and collects what a page refers to."""
+
+    VOID = frozenset({"meta", "img", "br", "link", "input", "path", "use", "rect", "circle"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.images: list[dict] = []
+        self.figures = 0
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.sources += [named[k] for k in ("src", "href", "xlink:href") if k in named]
+        if tag == "img" or named.get("role") == "img":
+            self.images.append(named)
+        self.figures += tag == "figure"
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def test_the_page_is_well_formed_and_fetches_nothing(page):
+    outline = Outline(page)
+    assert not outline.open
+    assert outline.figures == 3 + 2 + 6   # film; errors; camera and two objects, twice each
+    assert all(s.startswith(("data:image/jpeg;base64,", "#")) for s in outline.sources)
+    assert not re.search(r"url\((?!#)|@import|<script|<link", page)
+
+
+def test_every_picture_says_in_words_what_it_shows(page):
+    for image in Outline(page).images:
+        assert len(image.get("alt") or image.get("aria-label")) > 15
+
+
+def test_text_from_outside_is_escaped(page):
+    assert "sdpl &lt;b&gt;" in page
+    assert "&lt;script&gt;" in page
+
+
+def test_the_errors_stand_on_the_page(page, content):
+    for cell in (c for row in error_table(content.metrics).rows for c in row):
+        assert cell.replace("<", "&lt;") in page
+    assert "rgb/7.png: truncated" in page
+    assert "seed: 3" in page
+
+
+def test_plots_are_svg_in_the_colour_of_the_page(content):
+    for plot in all_path_plots(content) + error_plots(content):
+        root = ElementTree.fromstring(plot.svg)
+        assert root.tag.endswith("svg")
+        assert "viewBox" in root.attrib
+        assert "width" not in root.attrib
+        assert "currentColor" in plot.svg
+        assert "#010203" not in plot.svg
+    assert "Red bands" in error_plots(content)[0].caption   # frame 7 is lost
+
+
+def test_plots_are_the_same_each_time(content):
+    assert error_plots(content)[0].svg == error_plots(content)[0].svg
+
+
+def colours_near(image: np.ndarray, colour: tuple[int, int, int]) -> int:
+    gap = np.abs(image.astype(int) - np.array(colour)).max(axis=-1)
+    return int(np.count_nonzero(gap < 60))
+
+
+def test_the_film_shows_points_lines_and_speeds_in_the_papers_colours(content):
+    assert [p.index for p in content.pictures] == [13, 26, 39]
+    picture = content.pictures[-1]
+    image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert image.shape == (picture.height, picture.width, 3) == (96, 128, 3)
+    for colour in (STATIC_POINT, OBJECT_POINT, STATIC_LINE, DYNAMIC_LINE):
+        assert colours_near(image, colour) > 3
+    assert "2 points" in picture.caption
+    assert "track 7" in picture.caption
+
+
+def test_the_speed_is_that_of_the_points_and_not_of_the_worlds_origin():
+    centroid = np.array([100.0, 0.0, 0.0])
+    turn = se3.exp(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
+    about = se3.from_rotation_translation(np.eye(3), centroid)
+    spin = about @ turn @ se3.inverse(about)   # turns in place
+    assert speed_m_s(ObjectEstimate(spin, centroid, 1), 0.1) < 1e-9
+    drive = se3.exp(np.array([0.0, 0.0, 0.0, 1.5, 0.0, 0.0]))
+    assert speed_m_s(ObjectEstimate(drive, centroid, 1), 0.1) == pytest.approx(15.0)
+    assert shown_speed(15.0) == "54 km/h"
+    assert shown_speed(0.5) == "0.50 m/s"
+
+
+@pytest.mark.parametrize(("value", "text"), [
+    (None, "–"), (0.0, "0"), (1.0, "1.00"), (0.06478, "0.0648"), (12.345, "12.3"),
+    (123.45, "123"), (0.000741, "0.00074"), (9.996, "10.0"), (0.9996, "1.00"), (3e-9, "<1e-6"),
+    (123456.0, "123456")])
+def test_numbers_have_three_digits(value, text):
+    assert shown_number(value) == text
+
+
+def test_the_tables_leave_out_what_nobody_has(content):
+    errors = error_table(content.metrics)
+    assert errors.columns[1] == "E_t (mm)"
+    assert [row[0] for row in errors.rows] == ["camera", "thing 1", "thing 2", "all objects"]
+    assert "thing 3" in errors.notes[0]
+    alone = error_table({"camera": {"E_t": 0.5, "E_R": 0.1, "coverage": 1.0}})
+    assert alone.columns == ("", "E_t (m)", "E_R (°)", "coverage (%)")
+    assert not trajectory_table({"camera": {"coverage": 0.0}}).rows
+
+
+def test_a_run_without_truth_has_a_page_too(content):
+    blank = {key: content.metrics[key] for key in ("system", "sequence", "timing")}
+    page = render_report(ReportContent.of(blank, content.stamps_s, content.camera,
+                                          content.motions, content.owner, None, False))
+    assert "No truth is known" in page
+    assert not Outline(page).open
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+def test_a_browser_draws_it_without_sideways_scrolling(page, tmp_path, width):
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no chromium on this machine")
+    probe = "<script>document.title = document.documentElement.scrollWidth</script></body>"
+    path = tmp_path / "report.html"
+    path.write_text(page.replace("</body>", probe))
+    frame = tmp_path / "frame.html"   # headless windows are never narrower than 500 px
+    frame.write_text(f'<iframe id=f src="report.html" width="{width}" height="800"></iframe>')
+    out = subprocess.run(
+        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1300,900",
+         f"--user-data-dir={tmp_path}/profile", "--allow-file-access-from-files",
+         "--virtual-time-budget=3000", "--dump-dom", str(wrapped(frame))],
+        capture_output=True, text=True, timeout=60, check=False)
+    found = re.search(r"<title>(\d+)</title>", out.stdout)
+    assert found, out.stderr[-500:]
+    assert int(found[1]) <= width
+
+
+def wrapped(frame):
+    """The frame tells its own page's width in its title once it has loaded."""
+    text = frame.read_text()
+    frame.write_text("<title></title>" + text + "<script>f.onload = () => document.title ="
+                     " f.contentDocument.title</script>")
+    return frame
