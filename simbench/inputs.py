@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from simbench.errors import BadFrame, UserError
+from simbench.errors import UserError
+from simbench.input_choice import CHOICES, InputChoice, Rendered, resolve_choice
 from simbench.sensors.depth import apply_depth_noise, clean_depth
 from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
 from simbench.sensors.hsv import hsv_masks
@@ -21,106 +21,7 @@ from simbench.sequence import Sequence, SequenceTruth
 from slam.geometry.arrays import Array
 from slam.types import Boxes2D, FlowField, Frame, Intrinsics
 
-log = logging.getLogger(__name__)
-
-CHOICES: Mapping[str, tuple[str, ...]] = {
-    "flow": ("truth", "noisy", "dis", "given"),
-    "masks": ("truth", "noisy", "given", "hsv", "none"),
-    "boxes": ("truth", "given", "none"),
-    "depth": ("truth", "sensor", "stereo", "given"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class InputChoice:
-    """The inputs asked for; None takes what the sequence holds."""
-
-    flow: str | None = None             # dis: the system computes it from the images
-    masks: str | None = None
-    boxes: str | None = None
-    depth: str | None = None
-    sensor: str | None = None           # None: colour and depth as recorded
-    sensor_settings: Mapping[str, Any] = field(default_factory=dict)   # "depth.max_m": 5.0
-    flow_sigma_px: float | None = None  # these three replace the sensor's flow noise
-    flow_noise_kind: str | None = None  # pairwise, localisation
-    flow_noise_shape: str | None = None # isotropic, structure
-    shuffle_labels: bool = True         # so that a system really has to associate masks
-
-    def __post_init__(self) -> None:
-        for name, known in CHOICES.items():
-            value = getattr(self, name)
-            if value is not None and value not in known:
-                raise UserError(f"--{name} {value}: wanted one of {', '.join(known)}")
-
-
-@runtime_checkable
-class Rendered(Protocol):
-    """A sequence whose pictures are made as they are asked for: it can show what lies between."""
-
-    def rgb(self, k: int) -> Array: ...
-    def render_blurred(self, k: int, exposure_s: float, subframes: int) -> Array: ...
-
-
-def resolve_choice(choice: InputChoice, sequence: Sequence) -> InputChoice:
-    """The choice with everything named that was left open, and fallbacks taken.
-
-    `given` of something that the recording lacks becomes `dis` or `none`, and the log says so.
-    Raises:
-        UserError: truth, a sensor or stereo was asked for where the sequence has none.
-    """
-    holds, truth = sequence.holds, sequence.truth
-    exact = truth is not None and truth.has_images
-    masked = truth is not None and (exact or _knows_masks(truth))
-    simulated_depth = "sensor" if choice.sensor is not None else "truth"
-    depth = choice.depth or (
-        "sensor" if choice.sensor is not None and exact else
-        "given" if "depth" in holds else "stereo" if "stereo" in holds else simulated_depth)
-    flow = choice.flow or ("given" if "flow" in holds else "dis")
-    masks = choice.masks or ("given" if "masks" in holds else "truth" if exact else "none")
-    boxes = choice.boxes or ("given" if "boxes" in holds else "none")
-    name = sequence.name
-    if not exact:
-        for option, value in (("flow", flow), ("depth", depth)):
-            if value in ("truth", "noisy", "sensor"):
-                raise UserError(f"--{option} {value}: {name} has no exact truth images; "
-                                f"use --{option} {'dis' if option == 'flow' else 'given'}")
-        if choice.sensor is not None:
-            raise UserError(f"--sensor {choice.sensor}: {name} is a recording, its sensor has "
-                            "already acted; leave --sensor out")
-    if not masked:
-        for option, value in (("masks", masks), ("boxes", boxes)):
-            if value in ("truth", "noisy"):
-                raise UserError(f"--{option} {value}: {name} has no true masks; "
-                                f"use --{option} given or none")
-    if depth == "stereo" and "stereo" not in holds:
-        raise UserError(f"--depth stereo: {name} has no right images; use --depth given")
-    if depth == "given" and "depth" not in holds:
-        raise UserError(f"--depth given: {name} holds no depth; use --depth "
-                        + ("stereo" if "stereo" in holds else "truth"))
-    return replace(choice, depth=_as_rendered(depth, sequence),
-                   flow=_fallback("flow", flow, "dis", sequence),
-                   masks=_fallback("masks", masks, "none", sequence),
-                   boxes=_fallback("boxes", boxes, "none", sequence))
-
-
-def _knows_masks(truth: SequenceTruth) -> bool:
-    try:
-        return truth.true_instances(0) is not None
-    except BadFrame:       # there is a mask; that it cannot be read is said when its turn comes
-        return True
-
-
-def _as_rendered(value: str, sequence: Sequence) -> str:
-    """What a sequence gives that is rendered as it is asked for is the truth."""
-    return "truth" if value == "given" and isinstance(sequence, Rendered) else value
-
-
-def _fallback(option: str, value: str, instead: str, sequence: Sequence) -> str:
-    if value != "given" or option in sequence.holds:
-        return _as_rendered(value, sequence)
-    log.warning("%s holds no %s: --%s given falls back to %s", sequence.name, option, option,
-                instead)
-    return instead
+__all__ = ["CHOICES", "Feed", "InputChoice", "resolve_choice"]
 
 
 class Feed:
