@@ -51,8 +51,6 @@ class Projection:
         T_camera_j_world = se3.inverse(truth_j.T_world_camera)
         H_world = np.stack([np.eye(4), *(each.H_world for each in motions)])
         T_j_i = T_camera_j_world @ H_world @ truth_i.T_world_camera
-        self._number_of_part = np.zeros(len(truth_i.T_world_part), np.intp)
-        self._number_of_part[[each.part for each in motions]] = np.arange(1, len(motions) + 1)
         self._A, self._b = K @ T_j_i[:, :3, :3] @ inverse_K, T_j_i[:, :3, 3] @ K.T
 
     def rows(self, rows: slice) -> Array:
@@ -71,22 +69,6 @@ class Projection:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             out[:2] /= out[2]
         return out
-
-    def planes(self, planes_i: Array, part: Array) -> tuple[Array, Array]:
-        """Planes π of frame i, with inverse depth π · (u, v, 1), as camera j sees them.
-
-        Args:
-            planes_i: (N, 3).
-            part: (N,) the part on which each lies.
-        Returns:
-            (N, 3) planes in j, and (N,) bool: the plane still turns the same side to the camera.
-        """
-        number = self._number_of_part[part]
-        inverse_A = np.linalg.inv(self._A)
-        scale = 1.0 + np.sum(planes_i * (inverse_A @ self._b[..., None])[number, :, 0], axis=-1)
-        facing = scale > 0.0
-        planes_j = (planes_i[:, None] @ inverse_A[number])[:, 0]
-        return planes_j / np.where(facing, scale, 1.0)[:, None], facing
 
     def _project(self, number: int, rows: slice, columns: slice) -> Array:
         A, b = self._A[number], self._b[number]

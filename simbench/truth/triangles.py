@@ -55,26 +55,20 @@ class Screen:
 
     plane: Array         # (F, 3): inverse depth on the triangle's plane is plane · (u, v, 1)
     edges: Array         # (F, 3, 3): a ray hits where all three edges · (u, v, 1) are ≥ 0
-    box: Array           # (F, 4): u_min, v_min, u_max, v_max
-    nearest: Array       # (F,) greatest inverse depth of its corners
     by_tile: Array       # triangles, tile after tile
     first: Array         # (tiles + 1,) tile t has by_tile[first[t]:first[t + 1]]
-    tiles_across: int
+    across: int          # tiles side by side
+    down: int            # tiles above each other
 
     def anything_before(self, uv: Array, inverse_depth: Array) -> Array:
         """(N,) bool: rays through pixels (N, 2) hit something nearer than this (N,)."""
         column, row = np.floor((uv + 0.5) / _TILE_PX).astype(np.intp).T
-        tile = row * self.tiles_across + column
+        column, row = np.clip(column, 0, self.across - 1), np.clip(row, 0, self.down - 1)
+        tile = row * self.across + column
         count = self.first[tile + 1] - self.first[tile]
         ray = np.repeat(np.arange(len(uv)), count)
         before = np.cumsum(count) - count
         triangle = self.by_tile[np.arange(len(ray)) - before[ray] + self.first[tile][ray]]
-        keep = self.nearest[triangle] > inverse_depth[ray]
-        ray, triangle = ray[keep], triangle[keep]
-        u, v = uv[ray].T
-        u_min, v_min, u_max, v_max = self.box[triangle].T
-        keep = (u >= u_min) & (u <= u_max) & (v >= v_min) & (v <= v_max)
-        ray, triangle = ray[keep], triangle[keep]
         p = np.concatenate([uv[ray], np.ones((len(ray), 1))], axis=1)
         keep = np.einsum("nk,nk->n", self.plane[triangle], p) > inverse_depth[ray]
         ray, triangle, p = ray[keep], triangle[keep], p[keep]
@@ -91,8 +85,6 @@ def screen_of(triangles: Triangles, T_world_part: Array, T_world_camera: Array,
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = np.cross(b - a, c - a)
     height = np.einsum("fk,fk->f", normal, a)   # negative: its outside turns to the camera
-    with np.errstate(divide="ignore"):
-        nearest = 1.0 / np.maximum(corners[..., 2].min(axis=1), 0.0)
     box = _rectangles(corners, intrinsics)
     shown = (height < 0.0) & (corners[..., 2].max(axis=1) > 0.0)
     shown &= (box[:, 0] <= intrinsics.width - 0.5) & (box[:, 2] >= -0.5)
@@ -102,8 +94,9 @@ def screen_of(triangles: Triangles, T_world_part: Array, T_world_camera: Array,
     edges = np.stack([np.cross(b, a), np.cross(c, b), np.cross(a, c)], axis=1) @ inverse_K
     edges /= np.maximum(np.linalg.norm(edges[..., :2], axis=-1, keepdims=True), 1e-300)
     plane = (normal[shown] / height[:, None]) @ inverse_K
-    by_tile, first, across = _tiles(box, intrinsics)
-    return Screen(plane, edges, box, nearest[shown], by_tile, first, across)
+    across, down = -(-intrinsics.width // _TILE_PX), -(-intrinsics.height // _TILE_PX)
+    by_tile, first = _tiles(box, edges, across, down)
+    return Screen(plane, edges, by_tile, first, across, down)
 
 
 def _corners_in_camera(triangles: Triangles, T_camera_part: Array) -> Array:
@@ -126,16 +119,25 @@ def _rectangles(corners: Array, intrinsics: Intrinsics) -> Array:
     return box + np.array([-1.0, -1.0, 1.0, 1.0]) * _EDGE_PX
 
 
-def _tiles(box: Array, intrinsics: Intrinsics) -> tuple[Array, Array, int]:
-    """Triangles tile after tile, where each tile begins, and how many tiles stand side by side."""
-    across, down = -(-intrinsics.width // _TILE_PX), -(-intrinsics.height // _TILE_PX)
+def _tiles(box: Array, edges: Array, across: int, down: int) -> tuple[Array, Array]:
+    """Triangles tile after tile, and where each tile begins."""
     limit = np.array([across, down, across, down]) - 1
     u0, v0, u1, v1 = np.clip(np.floor((box + 0.5) / _TILE_PX), 0, limit).astype(np.intp).T
     wide = u1 - u0 + 1
     count = wide * (v1 - v0 + 1)
     triangle = np.repeat(np.arange(len(box)), count)
     within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    tile = (v0[triangle] + within // wide[triangle]) * across + u0[triangle] + within % wide[
-        triangle]
+    row, column = np.divmod(within, wide[triangle])
+    row, column = row + v0[triangle], column + u0[triangle]
+    # A tile lies outside of an edge when even its corner furthest inward does.
+    half = 0.5 * _TILE_PX
+    touched = np.ones(len(triangle), bool)
+    for edge in range(3):
+        along_u, along_v, constant = edges[:, edge].T
+        inward = constant + half * (np.abs(along_u) + np.abs(along_v)) + _EDGE_PX
+        inward += (half - 0.5) * (along_u + along_v)
+        touched &= (along_u[triangle] * (_TILE_PX * column) + along_v[triangle] * (_TILE_PX * row)
+                    + inward[triangle] >= 0.0)
+    triangle, tile = triangle[touched], (row * across + column)[touched]
     first = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=across * down))])
-    return triangle[np.argsort(tile, kind="stable")], first, across
+    return triangle[np.argsort(tile, kind="stable")], first

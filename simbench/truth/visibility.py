@@ -1,8 +1,8 @@
 """What becomes of frame i's surface points in frame j: seen, hidden or outside the image.
 
-Three looks, each at what the one before left open: the plane between the four pixels of j around
-a point; those four pixels against the plane on which the point lies; a ray. The first two err
-only where something thinner than a pixel slips between the four.
+Most points are visible beyond doubt: the four pixels of j around them show their own part, as one
+plane no nearer than the point. That errs only where something thinner than a pixel slips between
+the four. A ray decides all others.
 """
 
 from __future__ import annotations
@@ -13,16 +13,10 @@ import numpy as np
 
 from simbench.truth.motion import PartMotion, Projection
 from simbench.truth.rays import RayCaster
-from simbench.truth.surface import (
-    TOLERANCE_RELATIVE,
-    Surface,
-    in_a_cell,
-    plane_through,
-)
+from simbench.truth.surface import TOLERANCE_RELATIVE, Surface
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
-_WELL = 2e-3       # share of the distance
 _STRIP_ROWS = 32   # worked on at a time: what lies between stays in the processor's cache
 
 
@@ -60,31 +54,13 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
         open_uvz.append(uvz.reshape(3, -1)[:, left_open])
     flow[~ahead] = 0.0
     pixel, uvz = np.concatenate(open_pixels), np.concatenate(open_uvz, axis=1).T
-    hidden.ravel()[pixel] = _hidden(pixel, uvz, seen_i, seen_j, projection, intrinsics, caster)
+    hidden.ravel()[pixel] = caster.hides(seen_j.truth, intrinsics)(uvz)
     return Followed(flow, ahead, inside, hidden)
-
-
-def far_behind(uvz: Array, seen: Surface) -> Array:
-    """(N,) bool: the four pixels around a point show a surface that lies well before it.
-
-    Well before: further than that surface could bend back between the four.
-    """
-    certain = in_a_cell(seen, uvz[:, 0], uvz[:, 1])
-    u0, v0 = np.where(certain, uvz[:, :2].T, 0.0).astype(np.intp)
-    cell = v0 * seen.width + u0
-    corners = seen.inverse_depth[cell + _corner_offsets(seen)[:, None]]
-    farthest, nearest = corners.min(axis=0), corners.max(axis=0)
-    own = 1.0 / uvz[:, 2]
-    return certain & (farthest - own > 2.0 * (nearest - farthest) + _WELL * own)
-
-
-def _corner_offsets(seen: Surface) -> Array:
-    return np.array([0, 1, seen.width, seen.width + 1])
 
 
 def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> Array:
     """(h, W) bool: the four pixels around show the point's part as a plane not before the point."""
-    width, w = seen.width, seen.inverse_depth
+    width, w = part.shape[1], seen.inverse_depth
     u, v = np.where(inside, uvz[:2], 0.0)
     u0, v0 = u.astype(np.intp), v.astype(np.intp)
     cell = v0 * width + u0
@@ -96,28 +72,3 @@ def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> 
     visible &= seen.cell_part.take(cell) == part
     visible &= np.minimum(u, v) >= 0.0   # outside of that there is no cell
     return visible
-
-
-def _nothing_before_its_plane(pixel: Array, uvz: Array, seen_i: Surface, seen_j: Surface,
-                              projection: Projection) -> Array:
-    """(N,) bool: all four pixels of j around a point lie on or behind the plane it lies on."""
-    plane_i, certain = plane_through(seen_i, pixel)
-    plane_j, facing = projection.planes(plane_i, seen_i.truth.part_id.ravel()[pixel])
-    certain &= facing & in_a_cell(seen_j, uvz[:, 0], uvz[:, 1])
-    u0, v0 = np.where(certain, uvz[:, :2].T, 0.0).astype(np.intp)
-    cell = v0 * seen_j.width + u0
-    for corner, offset in enumerate(_corner_offsets(seen_j).tolist()):
-        dv, du = divmod(corner, 2)
-        wanted = plane_j[:, 0] * (u0 + du) + plane_j[:, 1] * (v0 + dv) + plane_j[:, 2]
-        certain &= seen_j.inverse_depth[cell + offset] <= wanted * (1.0 + TOLERANCE_RELATIVE)
-    return certain
-
-
-def _hidden(pixel: Array, uvz: Array, seen_i: Surface, seen_j: Surface, projection: Projection,
-            intrinsics: Intrinsics, caster: RayCaster) -> Array:
-    """(N,) bool for the pixels (N,) of frame i that the first look left open."""
-    hidden = far_behind(uvz, seen_j)
-    visible = _nothing_before_its_plane(pixel, uvz, seen_i, seen_j, projection)
-    unknown = ~hidden & ~visible
-    hidden[unknown] = caster.hides(seen_j.truth, intrinsics)(uvz[unknown])
-    return hidden

@@ -1,0 +1,28 @@
+"""A small room of known motion, for tests of pixels and truth."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from simbench.render import make_renderer
+from simbench.simulate import SimulatedSequence
+from simbench.world import make_world
+
+
+@pytest.fixture(scope="session")
+def marker_spec():
+    return runpy.run_path(str(Path(__file__).parent / "scenes" / "marker_room.py"))["SPEC"]
+
+
+@pytest.fixture
+def marker_world(marker_spec):
+    return make_world(marker_spec)
+
+
+@pytest.fixture(scope="session")
+def marker_sequence(marker_spec):
+    world = make_world(marker_spec)
+    renderer = make_renderer("mujoco", world)
+    yield SimulatedSequence(world, renderer, frames=12)
+    renderer.close()
