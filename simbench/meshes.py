@@ -162,7 +162,8 @@ def _quad_normals(corners: Array) -> Array:
 
 def _split(corners: Array, uv: Array, tile_m: float) -> tuple[Array, Array]:
     """Quads cut into grids of pieces not larger than about `tile_m`."""
-    out_corners, out_uv = [], []
+    out_corners: list[Array] = []
+    out_uv: list[Array] = []
     for quad, texture in zip(corners, uv, strict=True):
         counts = [max(1, int(np.ceil(np.linalg.norm(quad[k] - quad[0]) / tile_m))) for k in (1, 3)]
         s, t = np.meshgrid(np.arange(counts[0] + 1) / counts[0],

@@ -9,14 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simbench.edges import model_edges
 from simbench.errors import BadFile, UserError
+from simbench.layout import model_layout
 from simbench.randomise import scale_light, set_texture_contrast
 from simbench.scene import SceneObject, SceneSpec, Staging, find_scene, scenes_folder
-from simbench.types import ObjectInfo, SceneLayout
+from simbench.types import SceneLayout
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.types import Intrinsics
 
 _CARRIER = "camera of the MJCF"   # what an MJCF's own "camera" is called once ours takes its name
 _SUBFRAMES = 16                   # physics steps divide a frame by this, for motion blur
@@ -81,7 +80,7 @@ class World:
         if self.model.nkey:   # a keyframe, where there is one, is where physics starts
             mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self._initial = self._physics_state()
-        self.layout = _layout(self.model, staging, size, spec)
+        self.layout: SceneLayout = model_layout(self.model, staging, size, spec)
         self.reset()
 
     def reset(self) -> None:
@@ -264,50 +263,3 @@ def _compiled(staged: mujoco.MjSpec, spec: SceneSpec) -> mujoco.MjModel:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
-
-
-def _layout(model: mujoco.MjModel, staging: Staging, size: tuple[int, int], spec: SceneSpec
-            ) -> SceneLayout:
-    objects = _moving_bodies(model) if staging.objects is None else staging.objects
-    instance_of_part = np.zeros(model.nbody, np.int32)
-    infos = []
-    for number, each in enumerate(objects, start=1):
-        root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, each.body)
-        if root <= 0:
-            raise UserError(f"scene {spec.name}: object {each.body!r} is no body of {spec.mjcf}")
-        below = _subtree(model, root)
-        instance_of_part[below] = number
-        jointed = any(model.body_jntnum[part] for part in below if part != root)
-        rigid = not jointed if each.rigid is None else each.rigid
-        infos.append(ObjectInfo(number, each.body, root, rigid))
-    edges = model_edges(model, staging.shortest_edge_m, staging.edgeless)
-    return SceneLayout(_intrinsics(model, size), tuple(infos), instance_of_part, edges)
-
-
-def _intrinsics(model: mujoco.MjModel, size: tuple[int, int]) -> Intrinsics:
-    """Square pixels; MuJoCo's optical axis meets the image at its middle."""
-    width, height = size
-    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera")
-    focal = 0.5 * height / np.tan(0.5 * np.deg2rad(float(model.cam_fovy[camera])))
-    return Intrinsics(float(focal), float(focal), (width - 1) / 2.0, (height - 1) / 2.0,
-                      width, height)
-
-
-def _moving_bodies(model: mujoco.MjModel) -> tuple[SceneObject, ...]:
-    """The children of the world that move and can be seen."""
-    found = []
-    for body in range(1, model.nbody):
-        if model.body_parentid[body] == 0:
-            below = _subtree(model, body)
-            moves = model.body_mocapid[body] >= 0 or any(model.body_jntnum[p] for p in below)
-            if moves and any(model.body_geomnum[p] for p in below):
-                found.append(SceneObject(model.body(body).name))
-    return tuple(found)
-
-
-def _subtree(model: mujoco.MjModel, root: int) -> list[int]:
-    inside = {root}
-    for body in range(root + 1, model.nbody):   # parents come before their children
-        if int(model.body_parentid[body]) in inside:
-            inside.add(body)
-    return sorted(inside)

@@ -186,7 +186,7 @@ def _turning(rng: np.random.Generator, speed: float) -> tuple[ClosedPath, Progre
     lane, far = LANE_M / 2.0, ROAD_M + 34.0
     x, y = WIDTH_M + lane, -lane
     path = ClosedPath([[x, y - far - 40.0], [x, y], [x + far + 40.0, y],
-                       [x + far + 40.0, y - far - 40.0]][::1], 7.0)
+                       [x + far + 40.0, y - far - 40.0]], 7.0)
     start = path.nearest((x, -rng.uniform(20.0, 26.0)))
     stop = path.nearest((WIDTH_M + far - 7.0, y))
     pace, brake = speed * rng.uniform(5.0, 6.0), 2.0

@@ -119,8 +119,9 @@ def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
         each.rgba = jittered_rgba(rng, each.rgba[:3], 0.10)
     for name in _MOVABLE:
         body = spec.body(name)
-        body.pos = np.asarray(body.pos) + [*rng.uniform(-0.12, 0.12, 2), 0.0]
-        body.alt.euler = np.asarray(body.alt.euler) + [0.0, 0.0, rng.uniform(-15.0, 15.0)]
+        body.pos = np.asarray(body.pos) + np.array([*rng.uniform(-0.12, 0.12, 2), 0.0])
+        turn_deg = np.array([0.0, 0.0, rng.uniform(-15.0, 15.0)])
+        body.alt.euler = np.asarray(body.alt.euler) + turn_deg
     bake_static_boxes(spec)
 
 
