@@ -32,6 +32,7 @@ from slam.frontend.points import detect_points
 from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
 from slam.frontend.sampling import bilinear, depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
+from slam.frontend.support import surface_image
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.types import FlowField, Intrinsics
@@ -109,7 +110,7 @@ class Scores:
                                                           np.linalg.inv(C), e))
 
     def print(self) -> None:
-        print(f"{'method':34}{'where':8}{'points':>7}{'used':>7}{'median':>8}{'RMSE':>8}"
+        print(f"{'method':40}{'where':8}{'points':>7}{'used':>7}{'median':>8}{'RMSE':>8}"
               f"{'95 %':>8}{'bias':>8}{'chi²/2 median':>15}")
         for (method, where), errors in self.errors.items():
             error = np.concatenate(errors)
@@ -120,7 +121,7 @@ class Scores:
             chi2 = self.chi2.get((method, where))
             # The median of chi² with two degrees of freedom is 2 ln 2.
             shown = f"{np.median(np.concatenate(chi2)) / np.log(4):15.2f}" if chi2 else ""
-            print(f"{method:34}{where:8}{len(error):7d}{used.mean():7.1%}{np.median(length):8.4f}"
+            print(f"{method:40}{where:8}{len(error):7d}{used.mean():7.1%}{np.median(length):8.4f}"
                   f"{np.sqrt((length ** 2).mean()):8.4f}{np.quantile(length, 0.95):8.4f}"
                   f"{np.linalg.norm(error.mean(axis=0)):8.4f}{shown}")
 
@@ -139,9 +140,11 @@ def measure(pair: Pair, scores: Scores, clock: Clock, config: RefineConfig) -> N
     warps = clock("local warps", lambda: local_warps(predicted, uv))
     everything = np.ones(len(uv), bool)
 
-    def refine(name: str, start: Array, A: Array | None) -> None:
+    surface = clock("surface image", lambda: surface_image(pair.depth_m, pair.instance_id))
+
+    def refine(name: str, start: Array, A: Array | None, surface: Array | None = None) -> None:
         got = clock(f"refine {len(uv) // 500 * 500}+ points",
-                    lambda: refine_matches(*smooth, uv, uv + start, config, A))
+                    lambda: refine_matches(*smooth, uv, uv + start, config, A, surface))
         scores.add(name, on_object, got.uv_current - uv - true, got.converged, got.covariance)
 
     starts = {"prediction": sample_flow(FlowField(predicted), uv, pair.instance_id)[0]}
@@ -162,7 +165,7 @@ def measure(pair: Pair, scores: Scores, clock: Clock, config: RefineConfig) -> N
         scores.add(name, on_object, start - true, everything)
         refine(f"{name}, refined", start, None)
     refine("prediction, refined, warped", starts["prediction"], warps)
-    refine("DIS fast, refined, warped", starts["DIS fast"], warps)
+    refine("same, patches keep to surface", starts["prediction"], warps, surface)
     for detector in ("lsd", "edge_drawing"):
         found = clock(f"segments: {detector}", lambda d=detector: detect_segments(previous, d))
         clock(f"cull {detector}", lambda s=found: cull_segments(s, pair.depth_m,

@@ -178,7 +178,8 @@ def _iterate(current: Array, start: Array, templates: Templates,
         held = own.normal + prior * symmetric.DIAGONAL
         step = symmetric.solve(held, right + prior * (uv[active] - start[active]).T)
         length = np.hypot(*step)
-        in_sigmas = np.sqrt(symmetric.quadratic(held, step) / prior) / config.prior_sigma_px
+        squared = np.maximum(symmetric.quadratic(held, step), 0.0)   # rounding may go below
+        in_sigmas = np.sqrt(squared / prior) / config.prior_sigma_px
         size = np.minimum(length / config.stop_px, in_sigmas / config.stop_sigmas)
         uv[active] -= (step * np.minimum(1.0, config.max_step_px / np.maximum(length, 1e-12))).T
         ended[active] = size < 2.0
