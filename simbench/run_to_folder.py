@@ -19,6 +19,7 @@ from simbench.external import read_camera, read_motions
 from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.metrics.association import nearest_objects, owners
+from simbench.metrics.deforming import RigidFits, rigid_fit_metrics
 from simbench.metrics.estimates import CameraEstimates, ObjectMotions, motions_of_rows
 from simbench.metrics.flow import FlowErrors
 from simbench.report.content import ReportContent
@@ -58,9 +59,9 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     truth = feed.sequence.truth
     exact = truth is not None and truth.has_images
     film = Filmstrip(len(feed))
-    flow = FlowErrors(truth if exact else None)
+    flow, fits = FlowErrors(truth if exact else None), RigidFits(truth if exact else None)
     with captured_log() as said:
-        record = run(system, feed, progress=progress, observers=(film, flow))
+        record = run(system, feed, progress=progress, observers=(film, flow, fits))
         trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
         scores = score(trajectories, record, exact=exact)
     entries = (*log, *said, *record.log)
@@ -74,6 +75,10 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     online = Online.of(record)
     content = ReportContent.of(metrics, record.stamps_s, online.camera, online.motions,
                                online.owner, trajectories, exact, film.pictures, config, entries)
+    if trajectories is not None:
+        for key, block in rigid_fit_metrics(fits.H_world, content.object_errors, online.motions,
+                                            online.camera, trajectories).items():
+            metrics["objects"][key] |= block
     run_folder.write_run(out, metrics=metrics, stamps_s=record.stamps_s, camera=online.camera,
                          motions=online.motions, report_html=render_report(content),
                          config=config, log=entries)

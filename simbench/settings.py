@@ -34,7 +34,7 @@ def _with(config: Any, path: list[str], value: str, text: str) -> Any:
     names = [f.name for f in fields(config)]
     if name not in names:
         close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
+        hint = f"; did you mean {close[0]!r}?" if close else "."
         raise UnknownName(f"--set {text}: no setting {name!r}{hint} There are {', '.join(names)}")
     held = getattr(config, name)
     if is_dataclass(held):

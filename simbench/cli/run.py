@@ -72,8 +72,11 @@ def run_command(
                          flow_sigma_px=flow_sigma, flow_noise_kind=flow_noise,
                          flow_noise_shape=flow_shape)
     scene_options = {"size": parse_size(size), "fps": fps, "dials": dials}
+    only_scenes = [option for option, value in (
+        ("--size", size), ("--fps", fps), ("--texture", texture), ("--rigidity", rigidity),
+        ("--dial", dial)) if value is not None]
     with captured_log() as said, _opened(source, calibration, seed, frames,
-                                         scene_options) as sequence:
+                                         scene_options, only_scenes) as sequence:
         feed = Feed(sequence, choice, seed, frames)
         with frame_progress(f"{system} on {sequence.name}", len(feed)) as advance:
             outcome = run_to_folder(
@@ -85,14 +88,13 @@ def run_command(
 
 @contextmanager
 def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
-            scene_options: dict[str, Any]) -> Iterator[Sequence]:
+            scene_options: dict[str, Any], only_scenes: list[str]) -> Iterator[Sequence]:
     """A folder as it is, or a scene rendered as it is asked for."""
     if Path(source).exists() or _looks_like_a_path(source):
         from simbench.sequence import open_sequence
-        given = [name for name, value in scene_options.items() if value]
-        if given:
-            raise UserError(f"{source}: --{given[0].rstrip('s')} is for scenes; a folder is as "
-                            "it was recorded")
+        if only_scenes:
+            raise UserError(f"{source}: {only_scenes[0]} is for scenes; a folder is as it was "
+                            "recorded, leave it out")
         yield open_sequence(source, calibration)
         return
     from simbench.render import make_renderer

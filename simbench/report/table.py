@@ -95,13 +95,19 @@ def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]
     if floors:
         listed = ", ".join(f"{name} {shown_number(floor['E_t'], scale)} {unit} / "
                            f"{shown_number(floor['E_R'])}°" for name, floor in floors)
-        yield ("The truth is a recording's and jitters: a straight line through its own motions, "
-               f"with no vision at all, scores {listed}. E below that rewards smoothing; read the "
-               "RPE over 10 frames.")
+        yield ("A straight line through the true motions themselves, with no vision at all, "
+               f"scores {listed}. Where a recording's truth jitters (GPS/INS), E below that "
+               "rewards smoothing; read the RPE over 10 frames.")
     still = [_object_name(k, b) for k, b in objects.items()
              if k != "mean" and not b.get("moving_frames", 1)]
     if still:
         yield f"Never seen to move, so without errors: {', '.join(still)}."
+    fits = [f"{_object_name(k, b)} {shown_number(b['E_t_rigid_fit'], scale)} {unit} / "
+            f"{shown_number(b['E_R_rigid_fit'])}°"
+            for k, b in objects.items() if "E_t_rigid_fit" in b]
+    if fits:
+        yield ("Against the rigid motion that best fits their visible points, not that of their "
+               f"root: {', '.join(fits)}.")
     mean = objects.get("mean", {})
     counts = [f"{mean[key]} {text}" for key, text in (
         ("id_switches", "identity switches"),
