@@ -71,6 +71,16 @@ def near_steps(depth_m, reach=1):
     return cv2.dilate(depth_m, window) > 1.02 * cv2.erode(depth_m, window)
 
 
+def near_bends(depth_m):
+    """(H, W) bool: the 3 by 3 pixels around are not one plane, to 1e-5 of the inverse depth."""
+    inverse = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=depth_m > 0)
+    bend = np.zeros_like(inverse)
+    bend[1:-1] = np.abs(inverse[2:] - 2 * inverse[1:-1] + inverse[:-2])
+    bend[:, 1:-1] = np.maximum(bend[:, 1:-1],
+                               np.abs(inverse[:, 2:] - 2 * inverse[:, 1:-1] + inverse[:, :-2]))
+    return cv2.dilate(bend, np.ones((3, 3), np.uint8)) > 1e-5 * inverse
+
+
 def near_part_borders(part_id, reach=1):
     """(H, W) bool: within reach pixels of another part."""
     window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
