@@ -53,8 +53,8 @@ class MotionConfig:
     optimise_flow: bool = True        # False: φ = φ̂, the paper's ablation "wo. FO"
     kernel: Literal["huber", "cauchy"] = "cauchy"   # the paper: huber
     kernel_width: float = 3.0         # in standard deviations of the whole residual
-    rounds: int = 3                   # renewals of noise scales, covariances, inverse depths
-    iterations: int = 5               # Levenberg-Marquardt steps a round, at most
+    rounds: int = 2                   # renewals of noise scales, covariances, inverse depths
+    iterations: int = 4               # Levenberg-Marquardt steps a round, at most
     step_tolerance: float = 0.01      # standard deviations
     reprojection_sigma_px: float = 0.02   # Σ_p: what the pinhole and rigidity leave unexplained
     line_sigma_px: float = 0.05       # Σ_l: a rendered or seen edge is not a perfect line

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from slam.geometry import se3
@@ -36,71 +37,75 @@ class LineTerms(NamedTuple):
     J_flow: Array      # (N, 2, 4) with respect to (φ_a, φ_b)
 
 
-def feature_last(n: int, *shape: int) -> Array:
-    """An empty (n, *shape) array whose memory runs along n, so that columns are contiguous."""
-    axes = (len(shape), *range(len(shape)))
-    return np.empty((*shape, n)).transpose(axes)
+@numba.njit(cache=True, inline="always")
+def point_row(T, ray, rho_a, uv_b, rho_b, camera, r, J, j):  # type: ignore[no-untyped-def]
+    """One point of `point_terms`: fills r (3,), J (3, 6) and j (3,).
+
+    Compiled, so that the solver's inner loop and `point_terms` are the same lines. `camera` is
+    (fx, fy, cx, cy).
+    """
+    fx, fy, cx, cy = camera
+    # p_b ρ_a = Rᵀ (ray − ρ t): scaled by ρ so that far points stay well conditioned.
+    dx, dy, dz = ray[0] - rho_a * T[0, 3], ray[1] - rho_a * T[1, 3], ray[2] - rho_a * T[2, 3]
+    x = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
+    y = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
+    w = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
+    if abs(w) < 1e-12:
+        w = 1e-12
+    xn, yn, rho = x / w, y / w, rho_a / w               # rho: inverse depth in b
+    r[0] = fx * xn + cx - uv_b[0]
+    r[1] = fy * yn + cy - uv_b[1]
+    r[2] = rho - rho_b
+
+    # ∂p_b/∂ξ = [p_b]× for ω and −I for v, since p_b = Exp(−ξ) T⁻¹ p_a.
+    J[0, 0], J[0, 1], J[0, 2] = fx * xn * yn, -fx * (1.0 + xn * xn), fx * yn
+    J[0, 3], J[0, 4], J[0, 5] = -fx * rho, 0.0, fx * rho * xn
+    J[1, 0], J[1, 1], J[1, 2] = fy * (1.0 + yn * yn), -fy * xn * yn, -fy * xn
+    J[1, 3], J[1, 4], J[1, 5] = 0.0, -fy * rho, fy * rho * yn
+    J[2, 0], J[2, 1], J[2, 2] = rho * yn, -rho * xn, 0.0
+    J[2, 3], J[2, 4], J[2, 5] = 0.0, 0.0, rho * rho
+
+    # ∂(p_b ρ_a)/∂ρ_a = −Rᵀ t
+    tx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
+    ty = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
+    tz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    j[0] = fx * (tx - xn * tz) / w
+    j[1] = fy * (ty - yn * tz) / w
+    j[2] = (1.0 - rho * tz) / w
+
+
+def camera_tuple(camera: Pinhole) -> tuple[float, float, float, float]:
+    """The camera as compiled functions take it."""
+    return float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
 
 
 def point_terms(T_a_b: Array, rays_a: Array, rho_a: Array, uv_b: Array, rho_b: Array,
-                camera: Pinhole) -> PointTerms:
+                camera: Pinhole, group: Array | None = None) -> PointTerms:
     """Reprojection and inverse-depth error of points: eq. (2) e_p, and the depth seen in b.
 
     The point is ray / ρ in camera a. Row 3 compares 1/z in camera b with the inverse depth
     measured there: the paper leaves the second frame's depth unused.
 
     Args:
-        T_a_b: (N, 4, 4) or (4, 4) pose of camera b in a.
+        T_a_b: (4, 4) pose of camera b in a, or (G, 4, 4) one for each group.
         rays_a: (N, 3) directions with z = 1 in camera a.
         rho_a: (N,) inverse depths in a, 1/m.
         uv_b: (N, 2) observed pixels in b, m + φ.
         rho_b: (N,) inverse depths measured in b, 1/m (any value where unknown).
+        group: (N,) which pose each point moves with; None: the only one.
     """
-    T = np.asarray(T_a_b)
-    # p_b ρ_a = Rᵀ (ray − ρ t): scaled by ρ so that far points stay well conditioned.
-    shifted = rays_a - rho_a[:, None] * T[..., :3, 3]
-    R = T[..., :3, :3]
-    x, y, w = (shifted[:, 0] * R[..., 0, i] + shifted[:, 1] * R[..., 1, i]
-               + shifted[:, 2] * R[..., 2, i] for i in range(3))
-    inv_w = 1.0 / w
-    xn, yn = x * inv_w, y * inv_w
-    rho = rho_a * inv_w                                 # inverse depth in b
-    fx, fy = camera.fx, camera.fy
+    T = np.ascontiguousarray(np.asarray(T_a_b, dtype=np.float64).reshape(-1, 4, 4))
+    group = np.zeros(len(rho_a), np.int64) if group is None else group
+    return PointTerms(*_point_rows(T, group, rays_a, rho_a, uv_b, rho_b, camera_tuple(camera)))
 
-    r = feature_last(len(rho_a), 3)
-    r[:, 0] = fx * xn + camera.cx - uv_b[:, 0]
-    r[:, 1] = fy * yn + camera.cy - uv_b[:, 1]
-    r[:, 2] = rho - rho_b
 
-    # ∂p_b/∂ξ = [p_b]× for ω and −I for v, since p_b = Exp(−ξ) T⁻¹ p_a.
-    J = feature_last(len(rho_a), 3, 6)
-    J[:, 0, 0] = fx * xn * yn
-    J[:, 0, 1] = -fx * (1.0 + xn * xn)
-    J[:, 0, 2] = fx * yn
-    J[:, 0, 3] = -fx * rho
-    J[:, 0, 4] = 0.0
-    J[:, 0, 5] = fx * rho * xn
-    J[:, 1, 0] = fy * (1.0 + yn * yn)
-    J[:, 1, 1] = -fy * xn * yn
-    J[:, 1, 2] = -fy * xn
-    J[:, 1, 3] = 0.0
-    J[:, 1, 4] = -fy * rho
-    J[:, 1, 5] = fy * rho * yn
-    J[:, 2, 0] = rho * yn
-    J[:, 2, 1] = -rho * xn
-    J[:, 2, 2] = 0.0
-    J[:, 2, 3] = 0.0
-    J[:, 2, 4] = 0.0
-    J[:, 2, 5] = rho * rho
-
-    # ∂scaled/∂ρ_a = −Rᵀ t = t_b_a
-    t_b_a = -(np.matmul(T[..., None, :3, 3], R)[..., 0, :])
-    tx, ty, tz = t_b_a[..., 0], t_b_a[..., 1], t_b_a[..., 2]
-    J_rho = feature_last(len(rho_a), 3)
-    J_rho[:, 0] = fx * inv_w * (tx - xn * tz)
-    J_rho[:, 1] = fy * inv_w * (ty - yn * tz)
-    J_rho[:, 2] = inv_w * (1.0 - rho * tz)
-    return PointTerms(r, J, J_rho)
+@numba.njit(cache=True)
+def _point_rows(T, group, rays, rho_a, uv_b, rho_b, camera):  # type: ignore[no-untyped-def]
+    n = len(rho_a)
+    r, J, j = np.empty((n, 3)), np.empty((n, 3, 6)), np.empty((n, 3))
+    for i in range(n):
+        point_row(T[group[i]], rays[i], rho_a[i], uv_b[i], rho_b[i], camera, r[i], J[i], j[i])
+    return r, J, j
 
 
 def observed_line(a_px: Array, b_px: Array, normalise: str = "pixel") -> tuple[Array, Array]:
@@ -133,22 +138,22 @@ def observed_line(a_px: Array, b_px: Array, normalise: str = "pixel") -> tuple[A
 
 
 def line_terms(T_a_b: Array, rays_a: Array, rho_a: Array, endpoints_b: Array,
-               camera: Pinhole, normalise: str = "pixel") -> LineTerms:
+               camera: Pinhole, normalise: str = "pixel",
+               group: Array | None = None) -> LineTerms:
     """Line reprojection error e_l of eq. (2), for the static world and objects (eq. 4) alike.
 
     Both rows are full: l · π(A) and l · π(B), and each flow moves the whole observed line.
 
     Args:
-        T_a_b: (N, 4, 4) or (4, 4).
+        T_a_b: (4, 4), or (G, 4, 4) one for each group.
         rays_a: (N, 2, 3) directions with z = 1 of A and B in camera a.
         rho_a: (N, 2) their inverse depths, 1/m.
         endpoints_b: (N, 2, 2) observed endpoints a', b' in camera b, px.
+        group: (N,) which pose each segment moves with; None: the only one.
     """
     n = len(rays_a)
-    T = np.asarray(T_a_b)
-    T_both = T if T.ndim == 2 else np.repeat(T, 2, axis=0)
-    terms = point_terms(T_both, rays_a.reshape(-1, 3), rho_a.reshape(-1),
-                        np.zeros((2 * n, 2)), np.zeros(2 * n), camera)
+    terms = point_terms(T_a_b, rays_a.reshape(-1, 3), rho_a.reshape(-1), np.zeros((2 * n, 2)),
+                        np.zeros(2 * n), camera, None if group is None else np.repeat(group, 2))
     uv = terms.r[:, :2].reshape(n, 2, 2)
     line, d_line = observed_line(endpoints_b[:, 0], endpoints_b[:, 1], normalise)
     normal = line[:, None, :2]

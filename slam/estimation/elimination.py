@@ -12,30 +12,15 @@ together. The eliminated variables are recovered from the pose.
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from slam.config import MotionConfig
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches
-from slam.residuals import LineTerms, feature_last, line_terms, point_terms
+from slam.residuals import LineTerms, camera_tuple, line_terms, point_row, point_terms
 from slam.types import Intrinsics
-
-
-def _cholesky_inverse_3(S00: Array, S10: Array, S11: Array, S20: Array, S21: Array,
-                        S22: Array) -> tuple[Array, ...]:
-    """Rows of L⁻¹ for S = L Lᵀ, elementwise over N symmetric 3×3 matrices."""
-    l00 = np.sqrt(S00)
-    l10 = S10 / l00
-    l11 = np.sqrt(S11 - l10 * l10)
-    l20 = S20 / l00
-    l21 = (S21 - l20 * l10) / l11
-    l22 = np.sqrt(S22 - l20 * l20 - l21 * l21)
-    i00, i11, i22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
-    i10 = -l10 * i00 * i11
-    i21 = -l21 * i11 * i22
-    i20 = -(l20 * i00 + l21 * i10) * i22
-    return i00, i10, i11, i20, i21, i22
 
 
 def _alike_within_kinds(m: PointMatches) -> Array:
@@ -52,76 +37,124 @@ class PointFamily:
 
     def __init__(self, m: PointMatches, camera: Intrinsics, config: MotionConfig) -> None:
         self.m, self.camera, self.config = m, camera, config
-        self.rays = np.asfortranarray(pinhole.rays(camera, m.uv_a))
+        self.rays = pinhole.rays(camera, m.uv_a)
         self.rho = m.rho_a.copy()          # current estimate of the eliminated inverse depth
         self.known_b = np.isfinite(m.rho_sigma_b)
-        if config.optimise_flow:
-            cov = m.flow_cov
-        else:   # φ = φ̂: what each flow is worth is not asked, all weigh alike within a kind
-            cov = _alike_within_kinds(m)
-        self.uu, self.uv, self.vv = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
+        # φ = φ̂: what each flow is worth is not asked then, all weigh alike within a kind.
+        self.flow_cov = m.flow_cov if config.optimise_flow else _alike_within_kinds(m)
         self.var_a = m.rho_sigma_a**2
         # A row without a measurement is made harmless by a huge variance, not by branching.
         self.var_b = np.where(self.known_b, m.rho_sigma_b, 1e6) ** 2
         self.depth_scale2: Array = np.ones(len(m))
         self.flow_scale2: Array = np.ones(len(m))
-        self.inverse: tuple[Array, ...] = ()
+        self.whitening = np.zeros((len(m), 3, 3))
 
-    def marginal(self, T: Array) -> tuple[Array, Array, Array]:
-        """r̃ (N, 3) at the measured depth, linearised about the current one; J_pose; J_ρ."""
-        t = point_terms(T, self.rays, self.rho, self.m.uv_b, self.m.rho_b, self.camera)
-        return t.r + t.J_rho * (self.m.rho_a - self.rho)[:, None], t.J_pose, t.J_rho
+    def marginal(self, T: Array) -> tuple[Array, Array]:
+        """r̃ (N, 3) at the measured depth, linearised about the current one; J_ρ (N, 3)."""
+        t = point_terms(T, self.rays, self.rho, self.m.uv_b, self.m.rho_b, self.camera,
+                        self.m.group)
+        return t.r + t.J_rho * (self.m.rho_a - self.rho)[:, None], t.J_rho
 
     def renew(self, T: Array) -> None:
         """Recompute the covariance S at T, then the eliminated inverse depths."""
-        r, _, j = self.marginal(T)
+        r, j = self.marginal(T)
         va = self.var_a * self.depth_scale2
-        s2 = self.flow_scale2
-        floor = self.config.reprojection_sigma_px**2      # Σ_p
-        self.inverse = _cholesky_inverse_3(
-            self.uu * s2 + floor + j[:, 0] * j[:, 0] * va,
-            self.uv * s2 + j[:, 0] * j[:, 1] * va,
-            self.vv * s2 + floor + j[:, 1] * j[:, 1] * va,
-            j[:, 2] * j[:, 0] * va,
-            j[:, 2] * j[:, 1] * va,
-            self.var_b * self.depth_scale2 + j[:, 2] * j[:, 2] * va)
-        rw, jw = self._whiten_vector(r), self._whiten_vector(j)
-        self.rho = self.m.rho_a - va * np.sum(rw * jw, axis=1)
-
-    def _whiten_vector(self, r: Array) -> Array:
-        i00, i10, i11, i20, i21, i22 = self.inverse
-        out = feature_last(*r.shape)
-        out[:, 0] = i00 * r[:, 0]
-        out[:, 1] = i10 * r[:, 0] + i11 * r[:, 1]
-        out[:, 2] = i20 * r[:, 0] + i21 * r[:, 1] + i22 * r[:, 2]
-        return out
+        self.whitening = _whitening_of_points(
+            j, va, self.flow_cov, self.flow_scale2, self.config.reprojection_sigma_px**2,
+            self.var_b * self.depth_scale2)
+        moved, _ = self.depth_innovation(r, j)
+        self.rho = self.m.rho_a + moved
 
     def depth_innovation(self, r: Array, j: Array) -> tuple[Array, Array]:
         """How far (N,) the residuals move each inverse depth, and that move's variance (N,)."""
-        rw, jw = self._whiten_vector(r), self._whiten_vector(j)
+        rw = np.einsum("nij,nj->ni", self.whitening, r)
+        jw = np.einsum("nij,nj->ni", self.whitening, j)
         va = self.var_a * self.depth_scale2
         return -va * np.sum(rw * jw, axis=1), va * va * np.sum(jw * jw, axis=1)
 
-    def whitened(self, T: Array) -> tuple[Array, Array]:
-        r, J, _ = self.marginal(T)
-        i00, i10, i11, i20, i21, i22 = (i[:, None] for i in self.inverse)
-        Jw = feature_last(*J.shape)
-        Jw[:, 0] = i00 * J[:, 0]
-        Jw[:, 1] = i10 * J[:, 0] + i11 * J[:, 1]
-        Jw[:, 2] = i20 * J[:, 0] + i21 * J[:, 1] + i22 * J[:, 2]
-        return self._whiten_vector(r), Jw
+    def accumulate(self, T: Array, cost: Array, H: Array, g: Array) -> Array:
+        """Add this family to cost (G,), H (G, 6, 6) and g (G, 6); each point's whitened length."""
+        return _accumulate_points(
+            T, self.m.group, self.rays, self.rho, self.m.rho_a, self.m.uv_b, self.m.rho_b,
+            self.whitening, camera_tuple(self.camera), self.config.kernel == "huber",
+            self.config.kernel_width, cost, H, g)
 
     def refined_uv_b(self, T: Array) -> Array:
         """m + φ with φ = φ̂ + Σ_φ (Σ_φ + Σ_p)⁻¹ (π − m − φ̂): the flow that eq. (3) asks for."""
         if not self.config.optimise_flow:
             return np.array(self.m.uv_b)
-        t = point_terms(T, self.rays, self.rho, self.m.uv_b, self.m.rho_b, self.camera)
-        s2, p = self.flow_scale2, self.config.reprojection_sigma_px**2
-        a, b, d = self.uu * s2, self.uv * s2, self.vv * s2
-        det = (a + p) * (d + p) - b * b
-        r0, r1 = t.r[:, 0], t.r[:, 1]
-        w0, w1 = ((d + p) * r0 - b * r1) / det, ((a + p) * r1 - b * r0) / det
-        return self.m.uv_b + np.stack([a * w0 + b * w1, b * w0 + d * w1], axis=1)
+        t = point_terms(T, self.rays, self.rho, self.m.uv_b, self.m.rho_b, self.camera,
+                        self.m.group)
+        flow = self.flow_cov * self.flow_scale2[:, None, None]
+        total = flow + np.eye(2) * self.config.reprojection_sigma_px**2
+        moved = flow @ np.linalg.solve(total, t.r[:, :2, None])
+        return np.asarray(self.m.uv_b + moved[:, :, 0])
+
+
+@numba.njit(cache=True)
+def _whitening_of_points(j, var_a, flow_cov, scale2, var_p, var_b):  # type: ignore[no-untyped-def]
+    """L⁻¹ (N, 3, 3), lower triangular, for S = Σ_φ + Σ_p + J_ρ σ_ρ² J_ρᵀ = L Lᵀ."""
+    out = np.zeros((len(j), 3, 3))
+    for n in range(len(j)):
+        a, b, c = j[n, 0], j[n, 1], j[n, 2]
+        va, s2 = var_a[n], scale2[n]
+        l00 = np.sqrt(flow_cov[n, 0, 0] * s2 + var_p + a * a * va)
+        l10 = (flow_cov[n, 0, 1] * s2 + a * b * va) / l00
+        l11 = np.sqrt(flow_cov[n, 1, 1] * s2 + var_p + b * b * va - l10 * l10)
+        l20 = a * c * va / l00
+        l21 = (b * c * va - l20 * l10) / l11
+        l22 = np.sqrt(var_b[n] + c * c * va - l20 * l20 - l21 * l21)
+        out[n, 0, 0], out[n, 1, 1], out[n, 2, 2] = 1.0 / l00, 1.0 / l11, 1.0 / l22
+        out[n, 1, 0] = -l10 / (l00 * l11)
+        out[n, 2, 1] = -l21 / (l11 * l22)
+        out[n, 2, 0] = -(l20 / l00 + l21 * out[n, 1, 0]) / l22
+    return out
+
+
+@numba.njit(cache=True)
+def _accumulate_points(T, group, rays, rho, rho_measured, uv_b, rho_b, whitening,  # type: ignore[no-untyped-def]
+                       camera, huber, width, cost, H, g):
+    n = len(rho)
+    chi = np.empty(n)
+    r, J, j = np.empty(3), np.empty((3, 6)), np.empty(3)
+    rw, Jw = np.empty(3), np.empty((3, 6))
+    for i in range(n):
+        own = group[i]
+        point_row(T[own], rays[i], rho[i], uv_b[i], rho_b[i], camera, r, J, j)
+        W, shift = whitening[i], rho_measured[i] - rho[i]
+        chi2 = 0.0
+        for a in range(3):
+            rw[a] = 0.0
+            Jw[a] = 0.0
+            for b in range(a + 1):                   # W is lower triangular
+                rw[a] += W[a, b] * (r[b] + j[b] * shift)
+                for c in range(6):
+                    Jw[a, c] += W[a, b] * J[b, c]
+            chi2 += rw[a] * rw[a]
+        chi[i] = np.sqrt(chi2)
+        weight, loss = robust(chi2, huber, width)
+        cost[own] += loss
+        for a in range(3):
+            for c in range(6):
+                weighted = weight * Jw[a, c]
+                g[own, c] += weighted * rw[a]
+                for d in range(6):
+                    H[own, c, d] += weighted * Jw[a, d]
+    return chi
+
+
+@numba.njit(cache=True)
+def robust(chi2, huber, width):  # type: ignore[no-untyped-def]
+    """Weight and loss of a squared whitened length: Huber's kernel, or Cauchy's."""
+    if not np.isfinite(chi2):
+        return 0.0, 1e12
+    if huber:
+        if chi2 <= width * width:
+            return 1.0, chi2
+        chi = np.sqrt(chi2)
+        return width / chi, 2.0 * width * chi - width * width
+    ratio = chi2 / (width * width)
+    return 1.0 / (1.0 + ratio), width * width * np.log1p(ratio)
 
 
 class LineFamily:
@@ -150,8 +183,31 @@ class LineFamily:
 
     def _terms(self, T: Array) -> LineTerms:
         return line_terms(T, self.rays, self.m.rho_a, self.m.endpoints_b, self.camera,
-                          self.config.line_normalisation)
+                          self.config.line_normalisation, self.m.group)
 
-    def whitened(self, T: Array) -> tuple[Array, Array]:
+    def accumulate(self, T: Array, cost: Array, H: Array, g: Array) -> Array:
+        """Add this family to cost (G,), H (G, 6, 6) and g (G, 6); each line's whitened length."""
         t = self._terms(T)
-        return (self.inverse @ t.r[:, :, None])[:, :, 0], self.inverse @ t.J_pose
+        r = (self.inverse @ t.r[:, :, None])[:, :, 0]
+        return _accumulate_lines(self.m.group, r, self.inverse @ t.J_pose,
+                                 self.config.kernel == "huber", self.config.kernel_width,
+                                 cost, H, g)
+
+
+@numba.njit(cache=True)
+def _accumulate_lines(group, r, J, huber, width, cost, H, g):  # type: ignore[no-untyped-def]
+    chi = np.empty(len(r))
+    for i in range(len(r)):
+        chi2 = r[i, 0] * r[i, 0] + r[i, 1] * r[i, 1]
+        chi[i] = np.sqrt(chi2)
+        weight, loss = robust(chi2, huber, width)
+        if weight == 0.0:
+            continue
+        cost[group[i]] += loss
+        for a in range(2):
+            for c in range(6):
+                weighted = weight * J[i, a, c]
+                g[group[i], c] += weighted * r[i, a]
+                for d in range(6):
+                    H[group[i], c, d] += weighted * J[i, a, d]
+    return chi

@@ -1,8 +1,7 @@
 """Camera pose and object motions from points and lines: eq. (3) and (4) in one solver.
 
 All rigid motions between two frames, the camera's against the static world and each object's, are
-solved together: features are sorted by group, and only the 6×6 systems are looped over. Each
-round renews the noise scales, the covariances and the eliminated depths, then runs
+solved together; each feature names its group. Each round renews the noise scales, the covariances and the eliminated depths, then runs
 Levenberg-Marquardt with a robust kernel on what elimination leaves.
 """
 
@@ -16,7 +15,7 @@ from slam.config import MotionConfig
 from slam.estimation.elimination import LineFamily, PointFamily
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.matches import LineMatches, PointMatches, take
+from slam.matches import LineMatches, PointMatches
 from slam.types import Intrinsics
 
 _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
@@ -91,96 +90,56 @@ def _levenberg_marquardt(problem: _Problem, T: Array, config: MotionConfig) -> t
 
 
 class _Problem:
-    """Both families, sorted by group."""
+    """Both families, and the noise scales that this frame's residuals tell."""
 
     def __init__(self, points: PointMatches, lines: LineMatches, groups: int, camera: Intrinsics,
                  config: MotionConfig, scales: NoiseScales) -> None:
-        self.config, self.groups = config, groups
-        self.point_order = np.argsort(points.group, kind="stable")
-        self.line_order = np.argsort(lines.group, kind="stable")
-        self.points = PointFamily(take(points, self.point_order), camera, config)
-        self.lines = LineFamily(take(lines, self.line_order), camera, config)
-        self.point_count = np.bincount(points.group, minlength=groups)
-        self.line_count = np.bincount(lines.group, minlength=groups)
+        self.groups = groups
+        self.points = PointFamily(points, camera, config)
+        self.lines = LineFamily(lines, camera, config)
         self.flow_scale2 = np.repeat(np.asarray(scales.flow)[None] ** 2, groups, axis=0)
         self.depth_scale2 = scales.depth**2
         # Depth is good on a road and bad in a tree: its noise is measured tile by tile.
-        self.point_tile = _tiles(self.points.m.uv_a, self.points.m.group, camera)
-        self.line_tile = _tiles(self.lines.m.endpoints_a.mean(axis=1), self.lines.m.group, camera)
+        self.point_tile = _tiles(points.uv_a, points.group, camera)
+        self.line_tile = _tiles(lines.endpoints_a.mean(axis=1), lines.group, camera)
         self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups, self.depth_scale2)
-        self._spread_scales()
 
-    def _spread_scales(self) -> None:
+    def renew(self, T: Array) -> None:
+        """New covariances and eliminated depths at T."""
         m = self.points.m
         self.points.flow_scale2 = self.flow_scale2[m.group, m.kind]
         self.points.depth_scale2 = self.tile_scale2[self.point_tile]
         self.lines.depth_scale2 = self.tile_scale2[self.line_tile]
-
-    def _per_feature(self, T: Array, count: Array) -> Array:
-        """One pose a feature, laid out so that each of its elements is contiguous."""
-        if self.groups == 1:
-            return T[0]
-        return np.repeat(T.transpose(1, 2, 0), count, axis=2).transpose(2, 0, 1)
-
-    def renew(self, T: Array) -> None:
-        """New covariances and eliminated depths at T."""
-        self._spread_scales()
-        if len(self.points.m):
-            self.points.renew(self._per_feature(T, self.point_count))
-        if len(self.lines.m):
-            self.lines.renew(self._per_feature(T, self.line_count))
+        self.points.renew(T)
+        self.lines.renew(T)
 
     def linearise(self, T: Array) -> tuple[Array, Array, Array]:
         """Robust cost (G,), normal matrices (G, 6, 6) and gradients (G, 6) at T."""
-        cost, H, g = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
-        for family, count in ((self.points, self.point_count), (self.lines, self.line_count)):
-            if not len(family.m):
-                continue
-            r, J = family.whitened(self._per_feature(T, count))
-            weight, loss = self._robust(np.einsum("nk,nk->n", r, r))
-            root = np.sqrt(weight)
-            r, J = r * root[:, None], J * root[:, None, None]
-            stop = np.cumsum(count)
-            for group, (first, last) in enumerate(zip(stop - count, stop, strict=True)):
-                if first == last:
-                    continue
-                for row in range(r.shape[1]):
-                    J_row = J[first:last, row]
-                    H[group] += J_row.T @ J_row
-                    g[group] += J_row.T @ r[first:last, row]
-                cost[group] += loss[first:last].sum()
-        return cost, H, g
-
-    def _robust(self, chi2: Array) -> tuple[Array, Array]:
-        """Weight and loss of squared whitened residuals; NaN counts as infinitely far."""
-        chi2 = np.where(np.isfinite(chi2), chi2, 1e12)
-        k = self.config.kernel_width
-        if self.config.kernel == "huber":
-            chi = np.sqrt(np.maximum(chi2, 1e-300))
-            inside = chi <= k
-            return np.where(inside, 1.0, k / chi), np.where(inside, chi2, 2.0 * k * chi - k * k)
-        ratio = chi2 / (k * k)
-        return 1.0 / (1.0 + ratio), k * k * np.log1p(ratio)
+        system = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
+        self.points.accumulate(T, *system)
+        self.lines.accumulate(T, *system)
+        return system
 
     def measure_noise(self, T: Array) -> None:
         """Scale the assumed noise to the residuals: flow by group and kind, depth by all."""
         f = self.points
-        if not len(f.m):
-            return
-        r, _, j = f.marginal(self._per_feature(T, self.point_count))
+        r, j = f.marginal(T)
         self._measure_depth_noise(r, j)
         depth_part = j[:, :2] ** 2 * (f.var_a * f.depth_scale2)[:, None]
-        flow_part = np.stack([f.uu, f.vv], axis=1)
+        flow_part = np.einsum("nii->ni", f.flow_cov)
         square = r[:, :2] ** 2
-        stop = np.cumsum(self.point_count)
-        for group, last in enumerate(stop):
-            first = last - self.point_count[group]
-            for kind in range(self.flow_scale2.shape[1]):
-                chosen = first + np.flatnonzero(f.m.kind[first:last] == kind)
-                if len(chosen) < _MIN_FOR_SCALE:
+        kinds = self.flow_scale2.shape[1]
+        class_of = f.m.group * kinds + f.m.kind
+        order = np.argsort(class_of, kind="stable")
+        bounds = np.searchsorted(class_of[order], np.arange(self.groups * kinds + 1))
+        for group in range(self.groups):
+            for kind in range(kinds):
+                first, last = bounds[group * kinds + kind: group * kinds + kind + 2]
+                if last - first < _MIN_FOR_SCALE:
                     # Too few to tell: the static world's flow has the same source.
                     self.flow_scale2[group, kind] = self.flow_scale2[0, kind]
                     continue
+                chosen = order[first:last]
                 self.flow_scale2[group, kind] = _excess_scale2(
                     square[chosen], flow_part[chosen], depth_part[chosen],
                     self.flow_scale2[group, kind])
@@ -203,19 +162,11 @@ class _Problem:
         self.tile_scale2 = np.maximum(blended, _SMALLEST_SCALE2)
 
     def solution(self, T: Array, information: Array) -> Motions:
-        T_points = self._per_feature(T, self.point_count)
-        point_chi, uv, rho = np.zeros(0), np.zeros((0, 2)), np.zeros(0)
-        line_chi = np.zeros(0)
-        if len(self.points.m):
-            point_chi = np.linalg.norm(self.points.whitened(T_points)[0], axis=1)
-            uv, rho = self.points.refined_uv_b(T_points), self.points.rho
-        if len(self.lines.m):
-            line_chi = np.linalg.norm(
-                self.lines.whitened(self._per_feature(T, self.line_count))[0], axis=1)
-        back, line_back = np.argsort(self.point_order), np.argsort(self.line_order)
-        return Motions(T, information, point_chi[back], line_chi[line_back],
-                       np.sqrt(self.flow_scale2), float(np.sqrt(self.depth_scale2)),
-                       uv[back], rho[back])
+        unused = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
+        return Motions(T, information, self.points.accumulate(T, *unused),
+                       self.lines.accumulate(T, *unused), np.sqrt(self.flow_scale2),
+                       float(np.sqrt(self.depth_scale2)), self.points.refined_uv_b(T),
+                       self.points.rho)
 
 
 def _excess_scale2(square: Array, flow_part: Array, depth_part: Array, now2: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from slam.config import NoiseConfig
@@ -41,11 +42,12 @@ def follow_points(points: Points2D, group_a: Array, flow: FlowField, a: Observat
     known &= (group_a >= 0) & inside(uv_b, group_b.shape, 2.0)
     index = np.flatnonzero(known)
     index = index[nearest(group_b, uv_b[index]) == group_a[index]]
-    here = fit_surfaces(a.rho, a.label_index, points.uv_px[index])
+    here = fit_surfaces(a.rho, a.label_index, points.uv_px[index],
+                        noise.inverse_depth_sigma)
     found = here.rho > 0
     index = index[found]
     n = len(index)
-    there = fit_surfaces(b.rho, b.label_index, uv_b[index])
+    there = fit_surfaces(b.rho, b.label_index, uv_b[index], noise.inverse_depth_sigma)
     return PointMatches(
         uv_a=points.uv_px[index], rho_a=here.rho[found], rho_sigma_a=noise.inverse_depth_sigma * here.gain[found],
         uv_b=uv_b[index],
@@ -68,7 +70,7 @@ def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smoo
     aligned = refine_matches(smooth_a, smooth_b, matches.uv_a, expected_uv_b, config, warps)
     index = np.flatnonzero(aligned.converged)
     uv_b = aligned.uv_current[index]
-    there = fit_surfaces(b.rho, b.label_index, uv_b)
+    there = fit_surfaces(b.rho, b.label_index, uv_b, noise.inverse_depth_sigma)
     return PointMatches(
         uv_a=matches.uv_a[index], rho_a=matches.rho_a[index],
         rho_sigma_a=matches.rho_sigma_a[index], uv_b=uv_b, flow_cov=aligned.covariance[index],
@@ -170,25 +172,36 @@ def match_segments(carried: Array, detected: Array, max_distance_px: float = 2.0
     Both ends of the carried segment lie near the detected line, and at least `min_overlap` of
     the shorter one's length is shared. Each detected segment is given to one carried one.
     """
+    best, distance = _nearest_line(np.ascontiguousarray(carried), np.ascontiguousarray(detected),
+                                   max_distance_px, min_overlap)
     found = np.full(len(carried), -1)
-    if len(carried) == 0 or len(detected) == 0:
-        return found
-    along = detected[:, 1] - detected[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    along = along / length[:, None]
-    gap = carried[:, None] - detected[None, :, None, 0]                   # (C, D, 2, 2)
-    distance = np.abs(gap[..., 0] * along[None, :, None, 1]
-                      - gap[..., 1] * along[None, :, None, 0]).max(axis=2)
-    t = np.einsum("cdei,di->cde", gap, along)
-    low, high = t.min(axis=2), t.max(axis=2)
-    shared = np.minimum(high, length) - np.maximum(low, 0.0)
-    overlap = shared / np.maximum(np.minimum(high - low, length), 1e-9)
-    cost = np.where((distance <= max_distance_px) & (overlap >= min_overlap), distance, np.inf)
-    best = cost.argmin(axis=1)
-    value = cost[np.arange(len(carried)), best]
-    order = np.argsort(value, kind="stable")
+    candidates = np.flatnonzero(best >= 0)
+    order = candidates[np.argsort(distance[candidates], kind="stable")]
     _, first = np.unique(best[order], return_index=True)
-    owner = order[first]
-    owner = owner[np.isfinite(value[owner])]
-    found[owner] = best[owner]
+    found[order[first]] = best[order[first]]
     return found
+
+
+@numba.njit(cache=True)
+def _nearest_line(carried, detected, max_distance, min_overlap):  # type: ignore[no-untyped-def]
+    best = np.full(len(carried), -1)
+    distance = np.full(len(carried), np.inf)
+    for d in range(len(detected)):
+        (u0, v0), (u1, v1) = detected[d]
+        length = np.hypot(u1 - u0, v1 - v0)
+        du, dv = (u1 - u0) / length, (v1 - v0) / length
+        for c in range(len(carried)):
+            au, av = carried[c, 0, 0] - u0, carried[c, 0, 1] - v0
+            gap = abs(au * dv - av * du)
+            if gap > max_distance:
+                continue
+            bu, bv = carried[c, 1, 0] - u0, carried[c, 1, 1] - v0
+            gap = max(gap, abs(bu * dv - bv * du))
+            if gap > max_distance or gap >= distance[c]:
+                continue
+            s, t = au * du + av * dv, bu * du + bv * dv
+            low, high = min(s, t), max(s, t)
+            shared = min(high, length) - max(low, 0.0)
+            if shared >= min_overlap * min(high - low, length):
+                best[c], distance[c] = d, gap
+    return best, distance

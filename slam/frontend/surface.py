@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from slam.geometry.arrays import Array
 
 _RADIUS_PX = 3            # 7×7 windows: small against the face of a box, large against noise
-_MAX_STEP = 0.08          # relative: farther from the window's median is another surface
-_TRIM = 2.5               # robust standard deviations from the first plane
+_MAX_STEP = 0.08          # relative: farther from the middle pixel is another surface
+_NOISE_STEP = 4.0         # and so many standard deviations of the depth noise are allowed besides
+_TRIM = 2.5               # standard deviations from the first plane
+_MIN_PIXELS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,71 +27,88 @@ class SurfacePatches:
     gain: Array           # (N,) standard deviation of `rho` over that of one pixel's
 
 
-def fit_surfaces(rho: Array, label_index: Array, uv_px: Array) -> SurfacePatches:
+def fit_surfaces(rho: Array, label_index: Array, uv_px: Array,
+                 inverse_depth_sigma: float) -> SurfacePatches:
     """Fit ρ = ρ₀ + slope · (m − uv) to the pixels around each feature that lie on its surface.
 
     Args:
         rho: (H, W) float32 inverse depth, 0 = unknown.
         label_index: (H, W) uint8; only pixels with the label of the feature's own pixel count.
         uv_px: (N, 2).
+        inverse_depth_sigma: of one pixel, 1/m.
     """
+    out = _fit_all(np.ascontiguousarray(rho), np.ascontiguousarray(label_index),
+                   np.ascontiguousarray(uv_px, dtype=np.float64), inverse_depth_sigma)
+    return SurfacePatches(out[:, 0], out[:, 1:3], out[:, 3])
+
+
+@numba.njit(cache=True)
+def _fit_all(rho: Array, label_index: Array, uv: Array, sigma: float) -> Array:
+    """(N, 4): ρ₀, slope u, slope v, gain; ρ₀ = 0 and gain 1 where there is no fit."""
     height, width = rho.shape
-    n = len(uv_px)
-    if n == 0:
-        return SurfacePatches(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
-    safe = np.where(np.isfinite(uv_px), uv_px, -1e6)
-    centre = np.rint(np.clip(safe, -1e6, 1e6)).astype(np.int64)
-    inside = ((centre >= 0) & (centre < [width, height])).all(axis=1)
-    centre = np.clip(centre, 0, [width - 1, height - 1])
-    offset = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
-    du, dv = (x.ravel() for x in np.meshgrid(offset, offset))
-    column = np.clip(centre[:, :1] + du, 0, width - 1)
-    row = np.clip(centre[:, 1:] + dv, 0, height - 1)
-    index = row * width + column
-    values = rho.ravel()[index].astype(np.float64)
-    label = label_index.ravel()[index]
-    own = label_index[centre[:, 1], centre[:, 0]]
-    usable = (values > 0) & (label == own[:, None])
-    # A clipped window names border pixels twice; their own coordinates keep the plane right.
-    x, y = column - uv_px[:, :1], row - uv_px[:, 1:]
-    middle = _masked_median(values, usable)
-    near = usable & (np.abs(values - middle[:, None]) <= _MAX_STEP * middle[:, None])
-    plane, _ = _fit(values, near, x, y)
-    residual = np.abs(values - _evaluate(plane, x, y))
-    spread = 1.4826 * _masked_median(residual, near)
-    near &= residual <= np.maximum(_TRIM * spread, 1e-5 * middle)[:, None]
-    plane, variance = _fit(values, near, x, y)
-    good = inside & (near.sum(axis=1) >= 6) & (plane[:, 0] > 0)
-    return SurfacePatches(np.where(good, plane[:, 0], 0.0),
-                          np.where(good[:, None], plane[:, 1:], 0.0),
-                          np.where(good, np.sqrt(variance), 1.0))
+    out = np.zeros((len(uv), 4))
+    out[:, 3] = 1.0
+    for n in range(len(uv)):
+        u, v = uv[n, 0], uv[n, 1]
+        if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
+            continue
+        column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+        middle = rho[row, column]
+        if middle <= 0.0:
+            continue
+        window = (max(row - _RADIUS_PX, 0), min(row + _RADIUS_PX + 1, height),
+                  max(column - _RADIUS_PX, 0), min(column + _RADIUS_PX + 1, width))
+        # First all pixels near the middle one's depth, then those near the plane through them.
+        flat = (middle, 0.0, 0.0)
+        step = _MAX_STEP * middle + _NOISE_STEP * sigma
+        plane, spread, count, _ = _fit(rho, label_index, window, u, v, row, column, flat, step)
+        if count < _MIN_PIXELS:
+            continue
+        step = max(_TRIM * spread, 1e-5 * middle)
+        plane, _, count, gain = _fit(rho, label_index, window, u, v, row, column, plane, step)
+        if count >= _MIN_PIXELS and plane[0] > 0.0:
+            out[n] = plane[0], plane[1], plane[2], gain
+    return out
 
 
-def _masked_median(values: Array, mask: Array) -> Array:
-    """Median over the last axis of what the mask picks; 0 where it picks nothing."""
-    count = mask.sum(axis=1)
-    ordered = np.sort(np.where(mask, values, np.inf), axis=1)
-    middle = ordered[np.arange(len(values)), np.minimum(count // 2, values.shape[1] - 1)]
-    return np.where(count > 0, middle, 0.0)
+@numba.njit(cache=True)
+def _fit(rho, label_index, window, u, v, row, column, near, step):  # type: ignore[no-untyped-def]
+    """Least-squares plane of the window's pixels within `step` of the plane `near`.
 
-
-def _fit(values: Array, mask: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """Least-squares planes (N, 3), and the variance (N,) at the origin for unit noise."""
-    w = mask.astype(np.float64)
-    wx, wy = w * x, w * y
-    A = np.empty((len(values), 3, 3))
-    A[:, 0, 0] = w.sum(axis=1)
-    A[:, 0, 1] = A[:, 1, 0] = wx.sum(axis=1)
-    A[:, 0, 2] = A[:, 2, 0] = wy.sum(axis=1)
-    A[:, 1, 1] = (wx * x).sum(axis=1)
-    A[:, 1, 2] = A[:, 2, 1] = (wx * y).sum(axis=1)
-    A[:, 2, 2] = (wy * y).sum(axis=1)
-    b = np.stack([(w * values).sum(axis=1), (wx * values).sum(axis=1),
-                  (wy * values).sum(axis=1)], axis=1)
-    A += np.diag([1e-9, 1e-3, 1e-3])      # a window of one row has no slope across it
-    inverse = np.linalg.inv(A)
-    return np.einsum("nij,nj->ni", inverse, b), inverse[:, 0, 0]
-
-
-def _evaluate(plane: Array, x: Array, y: Array) -> Array:
-    return plane[:, :1] + plane[:, 1:2] * x + plane[:, 2:] * y
+    Returns:
+        the plane at (u, v), the RMS of its residuals, the pixels used, the gain at (u, v).
+    """
+    s = sx = sy = sxx = sxy = syy = sz = szx = szy = szz = 0.0
+    for i in range(window[0], window[1]):
+        y = i - v
+        for j in range(window[2], window[3]):
+            if label_index[i, j] != label_index[row, column] or rho[i, j] <= 0.0:
+                continue
+            x = j - u
+            z = rho[i, j] - (near[0] + near[1] * x + near[2] * y)
+            if abs(z) > step:
+                continue
+            s += 1.0
+            sx += x
+            sy += y
+            sxx += x * x
+            sxy += x * y
+            syy += y * y
+            sz += z
+            szx += z * x
+            szy += z * y
+            szz += z * z
+    # Solve the 3×3 normal equations; a window of one row gets no slope across it.
+    sxx += 1e-3
+    syy += 1e-3
+    a00, a01, a02 = sxx * syy - sxy * sxy, sy * sxy - sx * syy, sx * sxy - sy * sxx
+    a11, a12, a22 = (s * syy - sy * sy), (sx * sy - s * sxy), (s * sxx - sx * sx)
+    det = s * a00 + sx * a01 + sy * a02
+    if s < _MIN_PIXELS or det <= 1e-9:
+        return near, 0.0, 0, 1.0
+    d0 = (a00 * sz + a01 * szx + a02 * szy) / det
+    d1 = (a01 * sz + a11 * szx + a12 * szy) / det
+    d2 = (a02 * sz + a12 * szx + a22 * szy) / det
+    rest = max(szz - d0 * sz - d1 * szx - d2 * szy, 0.0)
+    plane = (near[0] + d0, near[1] + d1, near[2] + d2)
+    return plane, np.sqrt(rest / s), int(s), np.sqrt(a00 / det)
