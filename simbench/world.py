@@ -64,7 +64,7 @@ class World:
         self._script = staging.script
         self._file = str(spec.mjcf)
         start = self._script(0.0)
-        _prepare(staged, start, size)
+        _prepare(staged, start, size, spec.name)
         self.model: mujoco.MjModel = _compiled(staged, spec)
         set_texture_contrast(self.model, dials["texture"])
         scale_light(self.model, dials["light"])
@@ -237,15 +237,16 @@ def _stage(spec: SceneSpec, seed: int, dials: dict[str, float]) -> tuple[mujoco.
     return staged, Staging(lambda time_s: motion(time_s, seed, dials), objects)
 
 
-def _prepare(staged: mujoco.MjSpec, start: Mapping[str, ArrayLike], size: tuple[int, int]) -> None:
+def _prepare(staged: mujoco.MjSpec, start: Mapping[str, ArrayLike], size: tuple[int, int],
+             scene: str) -> None:
     """Free the name "camera" for our mocap camera, and let scripted bodies be moved."""
     own = staged.camera("camera")
     fovy = float(own.fovy) if own is not None else float(staged.visual.global_.fovy)
     if own is not None:
         own.name = _CARRIER
     elif "camera" not in start:
-        raise UserError('the motion gives no "camera" and the MJCF file has none: return '
-                        '{"camera": T_world_camera, ...} or add <camera name="camera" .../>')
+        raise UserError(f'scene {scene}: the motion gives no "camera" and the MJCF file has none: '
+                        'return {"camera": T_world_camera, ...} or add <camera name="camera" .../>')
     for body in staged.worldbody.bodies:
         if body.name in start and not body.joints:
             body.mocap = True
