@@ -9,9 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from simbench.datasets.rows import read_numbers
 from simbench.errors import UserError
 from simbench.sequence import Sequence
 from simbench.storage import write_png
+from simbench.trajectory_files import read_tum_trajectory
 from slam.geometry.arrays import Array
 from slam.types import Frame
 
@@ -105,19 +107,13 @@ def _titled(title: str, picture: Array) -> Array:
 
 
 def log_to_rerun(sequence: Sequence, save: Path | None = None) -> None:
-    """Show colour, depth, masks, flow and true poses in the Rerun viewer, or save them to a file.
+    """Show colour, depth, masks and true poses in the Rerun viewer, or save them to a file.
 
     Raises:
         UserError: Rerun is not installed.
         BadFrame: a frame cannot be read.
     """
-    if importlib.util.find_spec("rerun") is None:
-        raise UserError('Rerun is not installed; `pip install "simbench-slam[view]"`, or give '
-                        "--contact-sheet FILE.png")
-    import rerun as rr  # noqa: PLC0415 (an optional extra)
-    rr.init("simbench", spawn=save is None)
-    if save is not None:
-        rr.save(str(save))
+    rr = _started_rerun(save)
     i = sequence.intrinsics
     rr.log("world", rr.ViewCoordinates.RDF, static=True)
     rr.log("world/camera", rr.Pinhole(image_from_camera=i.matrix, width=i.width, height=i.height),
@@ -143,5 +139,42 @@ def _log_poses(rr: Any, sequence: Sequence, k: int) -> None:
     for number, poses in truth.objects.items():
         if poses.valid[k]:
             T_object = poses.T_world_object[k]
-            rr.log(f"world/objects/{poses.name or number}", rr.Transform3D(
+            rr.log(_object_path(poses.name or str(number)), rr.Transform3D(
                 translation=T_object[:3, 3], mat3x3=T_object[:3, :3]))
+
+
+def log_run_to_rerun(folder: Path, save: Path | None = None) -> None:
+    """Show the estimated paths of a run's folder, camera and objects, in the Rerun viewer.
+
+    Raises:
+        UserError: Rerun is not installed.
+        BadFile: trajectory.txt or objects.txt is missing or has a broken row.
+    """
+    stamps_s, T = read_tum_trajectory(folder / "trajectory.txt")
+    objects = read_numbers(folder / "objects.txt", 9, "t track tx ty tz qx qy qz qw")
+    rr = _started_rerun(save)
+    rr.log("world", rr.ViewCoordinates.RDF, static=True)
+    for k, stamp in enumerate(stamps_s):
+        rr.set_time("stamp", duration=float(stamp - stamps_s[0]))
+        rr.log("world/camera", rr.Transform3D(translation=T[k, :3, 3], mat3x3=T[k, :3, :3]))
+        rr.log("world/path", rr.LineStrips3D([T[:k + 1, :3, 3]]))
+        so_far = objects[objects[:, 0] <= stamp]
+        for track in np.unique(so_far[:, 1]):
+            rr.log(_object_path(f"track {int(track)}"),
+                   rr.LineStrips3D([so_far[so_far[:, 1] == track, 2:5]]))
+
+
+def _started_rerun(save: Path | None) -> Any:
+    """The rerun module with a recording begun: in a viewer, or to a file. Raises UserError."""
+    if importlib.util.find_spec("rerun") is None:
+        raise UserError('Rerun is not installed; `pip install "simbench-slam[view]"`, or give '
+                        "--contact-sheet FILE.png")
+    import rerun as rr  # noqa: PLC0415 (an optional extra)
+    rr.init("simbench", spawn=save is None)
+    if save is not None:
+        rr.save(str(save))
+    return rr
+
+
+def _object_path(name: str) -> str:
+    return "world/objects/" + name.replace(" ", "_")
