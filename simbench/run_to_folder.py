@@ -86,9 +86,12 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
 
 
 def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path | None,
-                    out: Path) -> Outcome:
+                    out: Path, *, system: str | None = None, log: Sequence[str] = ()) -> Outcome:
     """Score what another program estimated, and write the run's folder.
 
+    Args:
+        system: what metrics.json calls it; the trajectory file's name by default.
+        log: what the program said.
     Raises:
         UserError: the sequence has no truth.
         BadFile: a broken row in either file.
@@ -105,17 +108,18 @@ def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path 
     blocks = poses_and_motions_metrics(camera, motions, truth, exact)
     if objects is None:
         del blocks["objects"]   # nobody estimated any: that is not a coverage of 0
-    metrics = head(trajectory.name, sequence, len(sequence)) \
+    notes = [*log, *notes, *more]
+    metrics = head(system or trajectory.name, sequence, len(sequence)) \
         | {key: block for key, block in blocks.items() if block}
     config = run_folder.plain({
         "truth": sequence.name, "trajectory": trajectory, "objects": objects,
         "versions": versions()})
     owner = owners(motions.track, nearest_objects(motions, truth))
     content = ReportContent.of(metrics, stamps_s, camera, motions, owner, truth, exact, (),
-                               config, notes + more)
+                               config, notes)
     run_folder.write_run(out, metrics=metrics, stamps_s=stamps_s, camera=camera, motions=motions,
-                         report_html=render_report(content), config=config, log=notes + more)
-    return Outcome(metrics, tuple(notes + more), len(sequence),
+                         report_html=render_report(content), config=config, log=notes)
+    return Outcome(metrics, tuple(notes), len(sequence),
                    int((~camera.pose_known).sum()))
 
 

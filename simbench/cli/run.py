@@ -23,6 +23,7 @@ from simbench.cli.options import (
 from simbench.errors import UserError
 
 if TYPE_CHECKING:
+    from simbench.run_to_folder import Outcome
     from simbench.sequence import Sequence
 
 
@@ -31,7 +32,8 @@ def run_command(
             metavar="SCENE_OR_DIR", help="A scene by name, or the folder of a sequence.")],
         system: Annotated[str, typer.Option(
             "--system", metavar="NAME",
-            help="As `simbench list` names it, package.module:factory or file.py:factory.")],
+            help="As `simbench list` names it, package.module:factory, file.py:factory or "
+                 "command:\"program {sequence} {out}\".")],
         out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Folder to write.")],
         flow: Annotated[str | None, typer.Option(
             "--flow", help="truth, noisy, dis or given; what the source holds by default.")] = None,
@@ -65,9 +67,23 @@ def run_command(
     from simbench.cli.error_table import print_outcome
     from simbench.cli.progress import frame_progress
     from simbench.inputs import Feed, InputChoice
+    from simbench.program import PREFIX
     from simbench.run_to_folder import captured_log, run_to_folder
 
     dials = collect_dials(dial, texture, rigidity)
+    if system.startswith(PREFIX):
+        not_ours = {"--flow": flow, "--masks": masks, "--boxes": boxes, "--depth": depth,
+                    "--set": settings, "--flow-sigma": flow_sigma, "--flow-noise": flow_noise,
+                    "--flow-shape": flow_shape}
+        for option, value in not_ours.items():
+            if value is not None:
+                raise UserError(f"{option}: {system} reads the sequence's folder itself; "
+                                f"leave {option} out")
+        outcome = _run_program(system, source, calibration, out, {
+            "seed": seed, "frames": frames, "size": parse_size(size), "fps": fps,
+            "sensor": sensor or "ideal", "dials": dials})
+        print_outcome(outcome, out)
+        return
     choice = InputChoice(flow=flow, masks=masks, boxes=boxes, depth=depth, sensor=sensor,
                          flow_sigma_px=flow_sigma, flow_noise_kind=flow_noise,
                          flow_noise_shape=flow_shape)
@@ -110,6 +126,31 @@ def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
         yield SimulatedSequence(world, renderer, world.spec.frames if frames is None else frames)
     finally:
         renderer.close()
+
+
+def _run_program(system: str, source: str, calibration: str | None, out: Path,
+                 scene_settings: dict[str, Any]) -> Outcome:
+    """A program reads a folder; a scene is rendered into RUN/sequence first."""
+    from simbench.program import run_program, words_of
+    from simbench.sequence import open_sequence
+
+    words_of(system)   # wrong words show before a scene is rendered for them
+    folder = Path(source)
+    if not (folder.exists() or _looks_like_a_path(source)):
+        from simbench.cli.progress import frame_progress
+        from simbench.generate import GenerateSettings, generate
+
+        rendering = GenerateSettings.resolve(source, **scene_settings)
+        folder = out / "sequence"
+        with frame_progress(rendering.scene, rendering.frames) as advance:
+            generate(rendering, folder, resume=True, on_frame=advance)
+    else:
+        asked = next((k for k, v in scene_settings.items()
+                      if k != "seed" and v not in (None, {}, "ideal")), None)
+        if asked is not None:
+            raise UserError(f"{source}: --{asked.rstrip('s') if asked == 'dials' else asked} is "
+                            "for scenes here; the program reads the folder as it is")
+    return run_program(system, open_sequence(folder, calibration), folder, out)
 
 
 def _looks_like_a_path(source: str) -> bool:

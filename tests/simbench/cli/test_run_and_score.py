@@ -1,0 +1,173 @@
+"""`simbench run` and `simbench score` as typed: exit codes, one line for bad input, the folder."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from simbench.cli import main
+
+KITTI = Path(__file__).resolve().parents[4] / "shared" / "data" / "kitti_tracking_0003"
+SCENE = "SwingingBoxes-v0"
+SYSTEM = '''
+import numpy as np
+from slam.types import FrameEstimate, SlamResult, Status
+
+class Still:
+    """Says that nothing ever moves."""
+    def __init__(self): self.stamps = []
+    def process(self, frame):
+        self.stamps.append(frame.stamp_s)
+        status = Status.TRACKED if len(self.stamps) > 1 else Status.FIRST
+        return FrameEstimate(frame.index, frame.stamp_s, np.eye(4), np.eye(4), status=status,
+                             timings_ms={"nothing": 0.0})
+    def finish(self):
+        n = len(self.stamps)
+        return SlamResult(np.array(self.stamps), np.repeat(np.eye(4)[None], n, 0), {},
+                          (Status.FIRST,) + (Status.TRACKED,) * (n - 1))
+
+def make(intrinsics): return Still()
+'''
+PROGRAM = '''
+import sys, pathlib
+sequence, out = map(pathlib.Path, sys.argv[1:3])
+rows = (sequence / "groundtruth.txt").read_text()
+(out / "trajectory.txt").write_text(rows)
+print("read", len(rows.splitlines()), "rows")
+'''
+
+
+@pytest.fixture
+def still(tmp_path) -> str:
+    path = tmp_path / "still.py"
+    path.write_text(SYSTEM)
+    return f"{path}:make"
+
+
+def test_a_run_on_a_scene_writes_its_folder(tmp_path, still, capsys):
+    out = tmp_path / "run"
+    code = main(["run", SCENE, "--system", still, "--flow", "noisy", "--flow-sigma", "0.5",
+                 "--frames", "6", "--size", "64x48", "--seed", "3", "--out", str(out)])
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
+    assert "camera" in printed.out
+    assert str(out / "report.html") in printed.out.replace("\n", "")
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["schema"] == 1
+    assert metrics["system"] == still
+    assert metrics["sequence"]["frames"] == 6
+    assert len(metrics["sequence"]["sha256"]) == 64
+    assert metrics["camera"]["coverage"] == 1.0
+    assert metrics["camera"]["E_t"] > 1e-4      # the camera does move
+    assert 0.3 < metrics["flow"]["epe"] < 1.2   # 0.5 px in u and v: 0.63 on average
+    config = yaml.safe_load((out / "config.yaml").read_text())
+    assert config["inputs"]["flow"] == "noisy"
+    assert config["inputs"]["masks"] == "truth"
+    assert config["size"] == [64, 48]
+    assert config["seed"] == 3
+    assert {p.name for p in out.iterdir()} == {
+        "metrics.json", "trajectory.txt", "object_motions.txt", "objects.txt", "report.html",
+        "config.yaml", "log.txt"}
+
+
+def test_equal_seeds_give_equal_estimates_and_metrics(tmp_path):
+    words = ["run", SCENE, "--system", "vdo", "--flow", "noisy", "--frames", "4", "--size",
+             "128x96", "--seed", "1"]
+    for name in ("a", "b"):
+        assert main([*words, "--out", str(tmp_path / name)]) == 0
+    a, b = (json.loads((tmp_path / name / "metrics.json").read_text()) for name in ("a", "b"))
+    a.pop("timing"), b.pop("timing")
+    assert a == b
+    for name in ("trajectory.txt", "object_motions.txt", "objects.txt", "config.yaml"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_program_runs_on_a_rendered_scene_and_is_scored(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    out = tmp_path / "run"
+    code = main(["run", SCENE, "--system",
+                 f'command:"{sys.executable}" {program} {{sequence}} {{out}}', "--frames", "5",
+                 "--size", "64x48", "--out", str(out)])
+    assert code == 0
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["camera"]["coverage"] == 1.0
+    assert metrics["camera"]["E_t"] < 1e-5
+    assert "rows" in (out / "log.txt").read_text()
+
+
+def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
+    out = ["--out", str(tmp_path / "out")]
+    a_file = tmp_path / "file"
+    a_file.write_text("")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    scene = ["run", SCENE, "--system"]
+    return [
+        (["run", "SwingingBoxs-v0", "--system", "sdpl", *out], "did you mean 'SwingingBoxes-v0'"),
+        (["run", str(tmp_path / "gone"), "--system", "sdpl", *out], "no such folder"),
+        (["run", str(empty), "--system", "sdpl", *out], "not a sequence of a known kind"),
+        ([*scene, "sdlp", "--frames", "2", *out], "did you mean 'sdpl'"),
+        ([*scene, "sdpl", "--set", "motion.rouns=3", "--frames", "2", *out],
+         "did you mean 'rounds'"),
+        ([*scene, "sdpl", "--flow", "perfect", *out], "wanted one of truth, noisy, dis, given"),
+        ([*scene, "sdpl", "--dial", "gravity=2", *out], "gravity"),
+        ([*scene, "sdpl", "--sensor", "konect", *out], "did you mean 'kinect'"),
+        ([*scene, "sdpl", "--frames", "2", "--out", str(a_file)], "is a file, not a folder"),
+        ([*scene, "command:ls", *out], "wanted command:"),
+        (["score", "--truth", str(tmp_path / "gone"), "--trajectory", str(a_file), *out],
+         "no such folder"),
+        (["run", SCENE, *out], "--system"),
+    ]
+
+
+@pytest.mark.parametrize("case", range(12))
+def test_bad_input_gets_one_line_and_exit_code_2(tmp_path, capsys, case):
+    words, says = bad_inputs(tmp_path)[case]
+    assert main(words) == 2
+    printed = capsys.readouterr()
+    assert says in printed.err
+    assert len([x for x in printed.err.splitlines() if x]) == 1
+    assert "Traceback" not in printed.err
+    assert not (tmp_path / "out" / "metrics.json").exists()
+
+
+needs_kitti = pytest.mark.skipif(not KITTI.is_dir(), reason=f"{KITTI} is not here")
+
+
+@needs_kitti
+def test_what_only_scenes_have_is_refused_for_folders(tmp_path, capsys, still):
+    for option, value in (("--texture", "0.5"), ("--size", "64x48"), ("--dial", "speed=1")):
+        assert main(["run", str(KITTI), "--system", still, option, value,
+                     "--out", str(tmp_path)]) == 2
+        assert f"{option} is for scenes" in capsys.readouterr().err
+    assert main(["run", str(KITTI), "--system", still, "--flow", "truth",
+                 "--out", str(tmp_path)]) == 2
+    assert "use --flow dis" in capsys.readouterr().err
+
+
+@needs_kitti
+def test_a_recording_runs_and_its_own_trajectory_scores_the_same(tmp_path, still, capsys):
+    run, scored = tmp_path / "run", tmp_path / "scored"
+    assert main(["run", str(KITTI), "--system", still, "--frames", "30", "--flow", "given",
+                 "--out", str(run)]) == 0
+    assert "falls back to dis" in (run / "log.txt").read_text()
+    assert main(["score", "--truth", str(KITTI), "--trajectory", str(run / "trajectory.txt"),
+                 "--out", str(scored)]) == 0
+    one, other = (json.loads((folder / "metrics.json").read_text())["camera"]
+                  for folder in (run, scored))
+    assert one["E_t"] == pytest.approx(other["E_t"])
+    assert one["E_t"] > 1.1                        # it drives at 1.2 m a frame
+    assert one["truth_smoothness_floor"]["E_t"] == pytest.approx(0.050, abs=1e-3)
+    rows = (run / "trajectory.txt").read_text().splitlines()
+    rows[3] = rows[3].replace(" ", " x", 1)
+    broken = tmp_path / "broken.txt"
+    broken.write_text("\n".join(rows))
+    capsys.readouterr()
+    assert main(["score", "--truth", str(KITTI), "--trajectory", str(broken),
+                 "--out", str(scored)]) == 2
+    assert f"{broken}:4:" in capsys.readouterr().err
