@@ -233,7 +233,7 @@ def _raise_sun(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     carrier = spec.worldbody.add_body(name="sun", mocap=True)
     carrier.add_light(name="sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=direction,
                       pos=-40.0 * direction, mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
-                      diffuse=[0.62, 0.60, 0.56], specular=[0.15, 0.15, 0.15], castshadow=True)
+                      diffuse=[0.70, 0.68, 0.63], specular=[0.15, 0.15, 0.15], castshadow=True)
 
 
 register_scene(
