@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 
@@ -9,10 +11,11 @@ from slam.config import NoiseConfig
 from slam.frontend.flow import sample_flow
 from slam.frontend.observe import Observation
 from slam.frontend.refine import RefineConfig, refine_matches
+from slam.frontend.refine_lines import refine_segments
 from slam.frontend.sampling import inside, nearest
 from slam.frontend.surface import fit_surfaces
 from slam.geometry.arrays import Array
-from slam.matches import LineMatches, PointMatches
+from slam.matches import LineMatches, PointMatches, take
 from slam.types import FlowField, Points2D, Segments2D
 
 CORNER_KIND = 2          # PointMatches.kind of corners that dense flow carried
@@ -57,17 +60,19 @@ def follow_points(points: Points2D, group_a: Array, flow: FlowField, a: Observat
 
 
 def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smooth_a: Array,
-                 smooth_b: Array, b: Observation, noise: NoiseConfig,
+                 smooth_b: Array, surface_a: Array, b: Observation, noise: NoiseConfig,
                  config: RefineConfig) -> tuple[PointMatches, Array]:
     """The matches aligned on the images, with the covariance that their patches give.
 
     Args:
         expected_uv_b: (N, 2) where the motions found so far put the points.
         warps: (N, 2, 2) how the motions deform each patch.
+        surface_a: (H, W) from `support.surface_image`: patches keep to one surface.
     Returns:
         the matches that converged, and which they are (M,).
     """
-    aligned = refine_matches(smooth_a, smooth_b, matches.uv_a, expected_uv_b, config, warps)
+    aligned = refine_matches(smooth_a, smooth_b, matches.uv_a, expected_uv_b, config, warps,
+                             surface_a)
     index = np.flatnonzero(aligned.converged)
     uv_b = aligned.uv_current[index]
     there = fit_surfaces(b.rho, b.label_index, uv_b, noise.inverse_depth_sigma)
@@ -114,32 +119,20 @@ def follow_segments(segments: Segments2D, group_a: Array, flow: FlowField, label
         group=group_a[index]), index
 
 
-def align_segments(lines: LineMatches, expected_b: Array, smooth_a: Array, smooth_b: Array,
-                   config: RefineConfig) -> tuple[LineMatches, Array]:
-    """Segments aligned on the images: each sample moves across the line, never along it.
+def align_segments(lines: LineMatches, expected_b: Array, smooth_a: Array,
+                   smooth_b: Array) -> tuple[LineMatches, Array]:
+    """Segments aligned on the images across their direction.
 
     Args:
         expected_b: (L, 2, 2) where the motions found so far put the endpoints.
     Returns:
         the matches that converged, and which they are (M,).
     """
-    at_a = sample_positions(lines.endpoints_a)
-    at_b = sample_positions(expected_b)
-    aligned = refine_matches(smooth_a, smooth_b, at_a.reshape(-1, 2), at_b.reshape(-1, 2), config)
-    along = expected_b[:, 1] - expected_b[:, 0]
-    length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length
-    moved = (aligned.uv_current.reshape(at_b.shape) - at_b) @ normal[:, :, None]
-    variance = np.einsum("li,lsij,lj->ls", normal,
-                         aligned.covariance.reshape(*at_b.shape, 2), normal)
-    weight = aligned.converged.reshape(-1, _SAMPLES) / np.maximum(variance, 1e-8)
-    index = np.flatnonzero(aligned.converged.reshape(-1, _SAMPLES).sum(axis=1) >= 0.5 * _SAMPLES)
-    shift = moved[index] * normal[index, None, :]
-    endpoints_b, sigma = fit_endpoints(expected_b[index], shift, weight[index])
-    return LineMatches(
-        endpoints_a=lines.endpoints_a[index], rho_a=lines.rho_a[index],
-        rho_sigma_a=lines.rho_sigma_a[index], endpoints_b=endpoints_b, flow_sigma=sigma,
-        group=lines.group[index]), index
+    refined = refine_segments(smooth_a, smooth_b, lines.endpoints_a, expected_b)
+    index = np.flatnonzero(refined.converged)
+    variance = np.einsum("lii->l", refined.covariance[index]) / 2.0
+    return replace(take(lines, index), endpoints_b=refined.endpoints_px[index],
+                   flow_sigma=np.sqrt(variance)), index
 
 
 def fit_endpoints(endpoints_px: Array, shift: Array, weight: Array) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from slam.frontend.grid import GRID_KIND, OBJECT_GRID_KIND, grid_matches
 from slam.frontend.observe import NO_GROUP, Observation
 from slam.frontend.refine import RefineConfig as AlignConfig
 from slam.frontend.refine import prepare_image
+from slam.frontend.support import surface_image
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -197,15 +198,15 @@ class MotionStage:
         corners = matched.corners
         expected, warps = self._carried(corners.uv_a, corners.rho_a, matched.slopes,
                                         T_b_a[corners.group])
-        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b, b,
+        surface = surface_image(a.frame.depth_m, a.label_index)
+        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b, surface, b,
                                       self.config.noise, self._align)
         lines, line_index = matched.lines, matched.line_index
         if len(lines):
             ends, _ = self._carried(lines.endpoints_a.reshape(-1, 2), lines.rho_a.reshape(-1),
                                     np.zeros((2 * len(lines), 2)),
                                     np.repeat(T_b_a[lines.group], 2, axis=0))
-            lines, chosen = align_segments(lines, ends.reshape(-1, 2, 2), smooth_a, smooth_b,
-                                           self._align)
+            lines, chosen = align_segments(lines, ends.reshape(-1, 2, 2), smooth_a, smooth_b)
             line_index = line_index[chosen]
         grid = matched.grid
         if image_flow:
