@@ -20,8 +20,9 @@ from slam.types import Intrinsics
 DRAWN_AS_TRIANGLES = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX,
                       mujoco.mjtGeom.mjGEOM_MESH)
 _ENDLESS_M = 1e4    # half the size of a plane that the model says is endless
-_TILE_PX = 16
+_TILE_PX = 8
 _AHEAD_M = 1e-6     # triangles with a corner nearer than this have no rectangle in the image
+_LEVEL = 1e-9       # an edge that rises less than this across a pixel runs along the rows
 _EDGE_PX = 1e-9     # so that no ray slips between two triangles
 
 
@@ -51,93 +52,132 @@ def triangles_of(model: Any) -> Triangles:
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """The triangles that face one camera at one instant, by the tiles of its image they touch."""
+    """The triangles that face one camera at one instant, by the tiles of its image they touch.
 
-    plane: Array         # (F, 3): inverse depth on the triangle's plane is plane · (u, v, 1)
-    edges: Array         # (F, 3, 3): a ray hits where all three edges · (u, v, 1) are ≥ 0
-    by_tile: Array       # triangles, tile after tile
-    first: Array         # (tiles + 1,) tile t has by_tile[first[t]:first[t + 1]]
-    across: int          # tiles side by side
-    down: int            # tiles above each other
+    Coefficients are (3, F): their value at a pixel is c[0] u + c[1] v + c[2].
+    """
+
+    plane: Array                        # inverse depth on the triangle's plane
+    edges: tuple[Array, Array, Array]   # px inward of each edge: a ray hits where none is negative
+    by_tile: Array                      # triangles, tile after tile
+    first: Array                        # (tiles + 1,) tile t has by_tile[first[t]:first[t + 1]]
+    across: int                         # tiles side by side
+    down: int                           # tiles above each other
 
     def anything_before(self, uv: Array, inverse_depth: Array) -> Array:
         """(N,) bool: rays through pixels (N, 2) hit something nearer than this (N,)."""
-        column, row = np.floor((uv + 0.5) / _TILE_PX).astype(np.intp).T
+        column, row = np.floor((uv.T + 0.5) / _TILE_PX).astype(np.intp)
         column, row = np.clip(column, 0, self.across - 1), np.clip(row, 0, self.down - 1)
         tile = row * self.across + column
-        count = self.first[tile + 1] - self.first[tile]
-        ray = np.repeat(np.arange(len(uv)), count)
-        before = np.cumsum(count) - count
-        triangle = self.by_tile[np.arange(len(ray)) - before[ray] + self.first[tile][ray]]
-        p = np.concatenate([uv[ray], np.ones((len(ray), 1))], axis=1)
-        keep = np.einsum("nk,nk->n", self.plane[triangle], p) > inverse_depth[ray]
-        ray, triangle, p = ray[keep], triangle[keep], p[keep]
-        inside = np.all(np.einsum("nek,nk->ne", self.edges[triangle], p) >= -_EDGE_PX, axis=-1)
+        ray, place = _ranges(self.first[tile], self.first[tile + 1] - 1)
+        triangle = self.by_tile.take(place)
+        u, v = np.ascontiguousarray(uv.T)
+        keep = _value(self.plane, triangle, u.take(ray), v.take(ray)) > inverse_depth.take(ray)
+        for edge in self.edges:
+            ray, triangle = ray[keep], triangle[keep]
+            keep = _value(edge, triangle, u.take(ray), v.take(ray)) >= -_EDGE_PX
         hit = np.zeros(len(uv), bool)
-        hit[ray[inside]] = True
+        hit[ray[keep]] = True
         return hit
 
 
 def screen_of(triangles: Triangles, T_world_part: Array, T_world_camera: Array,
               intrinsics: Intrinsics) -> Screen:
     """What stands before a camera (OpenCV axes), with the parts where they are said to be."""
-    corners = _corners_in_camera(triangles, se3.inverse(T_world_camera) @ T_world_part)
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    vertices = _vertices_in_camera(triangles, se3.inverse(T_world_camera) @ T_world_part)
+    kept, box = _in_view(vertices, triangles.faces, intrinsics)
+    a, b, c = vertices[triangles.faces[kept].T]
     normal = np.cross(b - a, c - a)
-    height = np.einsum("fk,fk->f", normal, a)   # negative: its outside turns to the camera
-    box = _rectangles(corners, intrinsics)
-    shown = (height < 0.0) & (corners[..., 2].max(axis=1) > 0.0)
-    shown &= (box[:, 0] <= intrinsics.width - 0.5) & (box[:, 2] >= -0.5)
-    shown &= (box[:, 1] <= intrinsics.height - 0.5) & (box[:, 3] >= -0.5)
-    a, b, c, height, box = a[shown], b[shown], c[shown], height[shown], box[shown]
+    height = np.sum(normal * a, axis=-1)   # negative: its outside turns to the camera
+    facing = height < 0.0
+    a, b, c, normal, height = a[facing], b[facing], c[facing], normal[facing], height[facing]
     inverse_K = np.linalg.inv(intrinsics.matrix)
-    edges = np.stack([np.cross(b, a), np.cross(c, b), np.cross(a, c)], axis=1) @ inverse_K
-    edges /= np.maximum(np.linalg.norm(edges[..., :2], axis=-1, keepdims=True), 1e-300)
-    plane = (normal[shown] / height[:, None]) @ inverse_K
+    plane = np.ascontiguousarray((normal / height[:, None] @ inverse_K).T)
+    edges = (_edge(b, a, inverse_K), _edge(c, b, inverse_K), _edge(a, c, inverse_K))
     across, down = -(-intrinsics.width // _TILE_PX), -(-intrinsics.height // _TILE_PX)
-    by_tile, first = _tiles(box, edges, across, down)
+    by_tile, first = _tiles(box[:, facing], edges, across, down)
     return Screen(plane, edges, by_tile, first, across, down)
 
 
-def _corners_in_camera(triangles: Triangles, T_camera_part: Array) -> Array:
-    """(F, 3, 3) the corners of every triangle."""
+def _value(coefficients: Array, triangle: Array, u: Array, v: Array) -> Array:
+    """Coefficients (3, F) of triangles (M,) at pixels (M,)."""
+    value = coefficients[0].take(triangle)
+    value *= u
+    v *= coefficients[1].take(triangle)
+    value += v
+    value += coefficients[2].take(triangle)
+    return value
+
+
+def _vertices_in_camera(triangles: Triangles, T_camera_part: Array) -> Array:
+    """(V, 3) m."""
     vertices = np.empty_like(triangles.vertices_part)
     for part in np.flatnonzero(np.diff(triangles.first)).tolist():
         own = slice(triangles.first[part], triangles.first[part + 1])
         vertices[own] = se3.transform_points(T_camera_part[part], triangles.vertices_part[own])
-    return vertices[triangles.faces]
+    return vertices
 
 
-def _rectangles(corners: Array, intrinsics: Intrinsics) -> Array:
-    """(F, 4) smallest rectangle around each triangle; all the image where a corner is not ahead."""
-    ahead = corners[..., 2].min(axis=1) > _AHEAD_M
-    z = np.where(ahead[:, None], corners[..., 2], 1.0)
-    u = intrinsics.fx * corners[..., 0] / z + intrinsics.cx
-    v = intrinsics.fy * corners[..., 1] / z + intrinsics.cy
-    box = np.stack([u.min(1), v.min(1), u.max(1), v.max(1)], axis=-1)
-    box[~ahead] = (-0.5, -0.5, intrinsics.width - 0.5, intrinsics.height - 0.5)
-    return box + np.array([-1.0, -1.0, 1.0, 1.0]) * _EDGE_PX
+def _in_view(vertices: Array, faces: Array, intrinsics: Intrinsics) -> tuple[Array, Array]:
+    """(M,) the triangles that may be seen, and (4, M) u_min, v_min, u_max, v_max around each.
+
+    All the image stands for the rectangle of a triangle that is not ahead with all its corners.
+    """
+    x, y, z = vertices.T
+    ahead = z > _AHEAD_M
+    safe = np.where(ahead, z, 1.0)
+    u = np.where(ahead, intrinsics.fx * x / safe + intrinsics.cx, np.nan)
+    v = np.where(ahead, intrinsics.fy * y / safe + intrinsics.cy, np.nan)
+    f0, f1, f2 = faces.T
+    u0, u1, u2, v0, v1, v2 = u[f0], u[f1], u[f2], v[f0], v[f1], v[f2]
+    box = np.stack([np.minimum(np.minimum(u0, u1), u2), np.minimum(np.minimum(v0, v1), v2),
+                    np.maximum(np.maximum(u0, u1), u2), np.maximum(np.maximum(v0, v1), v2)])
+    partly = np.isnan(box[0]) & (ahead[f0] | ahead[f1] | ahead[f2])
+    right, bottom = intrinsics.width - 0.5, intrinsics.height - 0.5
+    box[:, partly] = np.array([[-0.5], [-0.5], [right], [bottom]])
+    kept = np.flatnonzero((box[0] <= right) & (box[2] >= -0.5)
+                          & (box[1] <= bottom) & (box[3] >= -0.5))
+    return kept, box[:, kept]
 
 
-def _tiles(box: Array, edges: Array, across: int, down: int) -> tuple[Array, Array]:
-    """Triangles tile after tile, and where each tile begins."""
-    limit = np.array([across, down, across, down]) - 1
-    u0, v0, u1, v1 = np.clip(np.floor((box + 0.5) / _TILE_PX), 0, limit).astype(np.intp).T
-    wide = u1 - u0 + 1
-    count = wide * (v1 - v0 + 1)
-    triangle = np.repeat(np.arange(len(box)), count)
-    within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(within, wide[triangle])
-    row, column = row + v0[triangle], column + u0[triangle]
-    # A tile lies outside of an edge when even its corner furthest inward does.
-    half = 0.5 * _TILE_PX
-    touched = np.ones(len(triangle), bool)
-    for edge in range(3):
-        along_u, along_v, constant = edges[:, edge].T
-        inward = constant + half * (np.abs(along_u) + np.abs(along_v)) + _EDGE_PX
-        inward += (half - 0.5) * (along_u + along_v)
-        touched &= (along_u[triangle] * (_TILE_PX * column) + along_v[triangle] * (_TILE_PX * row)
-                    + inward[triangle] >= 0.0)
-    triangle, tile = triangle[touched], (row * across + column)[touched]
+def _edge(start: Array, stop: Array, inverse_K: Array) -> Array:
+    """(3, F) coefficients of the distance in px inward of the edge between corners (F, 3)."""
+    line = np.cross(start, stop) @ inverse_K
+    line /= np.maximum(np.hypot(line[:, 0], line[:, 1]), 1e-300)[:, None]
+    return np.ascontiguousarray(line.T)
+
+
+def _tiles(box: Array, edges: tuple[Array, Array, Array], across: int, down: int
+           ) -> tuple[Array, Array]:
+    """Triangles tile after tile, and where each tile begins.
+
+    In every row of tiles a triangle touches those between two columns: where each of its edges,
+    taken at the row's upper or lower border, whichever is further inward, is not negative.
+    """
+    v0, v1 = (np.floor((v + 0.5) / _TILE_PX).clip(0, down - 1).astype(np.intp) for v in box[1::2])
+    triangle, row = _ranges(v0, v1)
+    left, right = box[0].take(triangle), box[2].take(triangle)
+    upper = row * float(_TILE_PX) - 0.5
+    for edge in edges:
+        along_u, along_v, constant = (c.take(triangle) for c in edge)
+        inward = constant + along_v * upper + np.maximum(along_v, 0.0) * _TILE_PX + _EDGE_PX
+        level = np.abs(along_u) < _LEVEL
+        crossing = -inward / np.where(level, 1.0, along_u)
+        np.maximum(left, crossing, out=left, where=along_u >= _LEVEL)
+        np.minimum(right, crossing, out=right, where=along_u <= -_LEVEL)
+        right[level & (inward < 0.0)] = -np.inf
+    u0 = np.floor((left + 0.5) / _TILE_PX).clip(0, across - 1).astype(np.intp)
+    u1 = np.floor((right + 0.5) / _TILE_PX).clip(-1, across - 1).astype(np.intp)
+    u1[right < left] = -1
+    entry, column = _ranges(u0, np.maximum(u1, u0 - 1))
+    tile = row.take(entry) * across + column
     first = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=across * down))])
-    return triangle[np.argsort(tile, kind="stable")], first
+    return triangle.take(entry)[np.argsort(tile, kind="stable")], first
+
+
+def _ranges(start: Array, stop: Array) -> tuple[Array, Array]:
+    """All integers of N ranges, both ends within: the range of each (M,), and the integer (M,)."""
+    count = stop - start + 1
+    number = np.repeat(np.arange(len(count)), count)
+    before = np.cumsum(count) - count
+    return number, np.arange(len(number)) + np.repeat(start - before, count)
