@@ -65,9 +65,9 @@ def picture(frame: Frame, estimate: FrameEstimate, last_stamp_s: float | None) -
         image = _tint_masks(image, frame.instance_id, moving, scale)
     _draw_segments(image, estimate, scale)
     _draw_points(image, estimate, scale)
-    speeds = {} if last_stamp_s is None or frame.stamp_s <= last_stamp_s else {
+    speeds = {} if last_stamp_s is None or frame.stamp_s <= last_stamp_s else shown_speeds({
         track: speed_m_s(motion, frame.stamp_s - last_stamp_s)
-        for track, motion in moving.values()}
+        for track, motion in moving.values()})
     if frame.instance_id is not None:
         _write_speeds(image, frame.instance_id, moving, speeds, scale)
     if estimate.status is Status.LOST:
@@ -85,9 +85,11 @@ def speed_m_s(motion: ObjectEstimate, seconds: float) -> float:
     return float(np.linalg.norm(moved - motion.centroid_world) / seconds)
 
 
-def shown_speed(speed: float) -> str:
-    """km/h for what drives, m/s for what swings or walks."""
-    return f"{3.6 * speed:.0f} km/h" if speed > 3.0 else f"{speed:.2f} m/s"
+def shown_speeds(speeds_m_s: Mapping[int, float]) -> dict[int, str]:
+    """All in km/h where anything drives, else in m/s, for what swings or walks."""
+    if max(speeds_m_s.values(), default=0.0) > 3.0:
+        return {track: f"{3.6 * speed:.0f} km/h" for track, speed in speeds_m_s.items()}
+    return {track: f"{speed:.2f} m/s" for track, speed in speeds_m_s.items()}
 
 
 def tint_of(track: int) -> tuple[int, int, int]:
@@ -151,19 +153,27 @@ def _draw_segments(image: Array, estimate: FrameEstimate, scale: int) -> None:
 
 def _write_speeds(image: Array, labels: Array,
                   moving: Mapping[int, tuple[int, ObjectEstimate]],
-                  speeds: Mapping[int, float], scale: int) -> None:
+                  speeds: Mapping[int, str], scale: int) -> None:
     for label, (track, _) in moving.items():
-        rows, columns = np.nonzero(labels == label)
-        if track in speeds and len(rows):
-            # Not the very top: a pendulum's rod belongs to its mask, the tag to its bob.
-            at = (float(np.median(columns)) * scale, float(np.percentile(rows, 8)) * scale)
-            _write_tag(image, shown_speed(speeds[track]), at, tint_of(track))
+        top = _top_of(labels == label)
+        if track in speeds and top is not None:
+            at = (top[0] * scale, top[1] * scale)
+            _write_tag(image, speeds[track], at, tint_of(track), 0.75 if scale > 1 else 0.55)
+
+
+def _top_of(mask: Array) -> tuple[float, float] | None:
+    """Middle (u, v) of the first row in which a mask is wide: below the rod of a pendulum."""
+    widths = np.count_nonzero(mask, axis=1)
+    if not widths.any():
+        return None
+    v = int(np.argmax(widths >= 0.3 * widths.max()))
+    return float(np.median(np.flatnonzero(mask[v]))), float(v)
 
 
 def _write_tag(image: Array, text: str, above: tuple[float, float],
-               colour: tuple[int, int, int]) -> None:
+               colour: tuple[int, int, int], size: float = 0.75) -> None:
     """Dark text on a tag of the colour, its foot on a point, kept inside the image."""
-    size, pad = 0.75, 6
+    pad = round(8 * size)
     (width, height), foot = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 2)
     left = int(np.clip(above[0] - width / 2 - pad, 0, max(0, image.shape[1] - width - 2 * pad)))
     tall = height + foot + 2 * pad
@@ -173,13 +183,13 @@ def _write_tag(image: Array, text: str, above: tuple[float, float],
                 size, (16, 18, 20), 2, cv2.LINE_AA)
 
 
-def _caption(frame: Frame, estimate: FrameEstimate, speeds: Mapping[int, float]) -> str:
+def _caption(frame: Frame, estimate: FrameEstimate, speeds: Mapping[int, str]) -> str:
     parts = [f"frame {frame.index}, {frame.stamp_s:.2f} s"]
     if estimate.points is not None:
         parts.append(f"{len(estimate.points)} points")
     if estimate.segments is not None:
         parts.append(f"{len(estimate.segments)} lines")
-    parts += [f"track {track}: {shown_speed(speed)}" for track, speed in sorted(speeds.items())]
+    parts += [f"track {track}: {speed}" for track, speed in sorted(speeds.items())]
     if estimate.status is Status.LOST:
         parts.append(f"lost: {estimate.reason}")
     return " · ".join(parts)

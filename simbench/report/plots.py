@@ -198,7 +198,8 @@ def _error_plot(content: ReportContent, series: list[_Series], title: str,
             if key in floor:
                 axes.axhline(floor[key] * factor, color=INK, linewidth=0.8,
                              linestyle=(0, (1, 2)), label="floor of the truth")
-            axes.set_ylim(bottom=0.0)
+            _scale_errors(axes, np.concatenate(
+                [values[3 if key == "E_t" else 4] * factor for values in series]))
             _shade_lost(axes, content, time_s)
         upper.set_ylabel(f"$E_t$ ({unit})")
         lower.set_ylabel("$E_R$ (°)")
@@ -211,6 +212,15 @@ def _error_plot(content: ReportContent, series: list[_Series], title: str,
     return Plot(drawing.svg, title,
                 f"E_t in {unit} above, E_R in degrees below, over time in seconds.{lost}",
                 f"{title}: translation error in {unit} and rotation error in degrees over time")
+
+
+def _scale_errors(axes: Axes, values: Array) -> None:
+    """From zero; by powers of ten where a few errors would flatten all others."""
+    typical = float(np.median(values))
+    if typical > 0.0 and values.max() > 30.0 * typical:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
 
 
 def _shade_lost(axes: Axes, content: ReportContent, time_s: Array) -> None:

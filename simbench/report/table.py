@@ -48,8 +48,8 @@ def trajectory_table(metrics: Mapping[str, Any]) -> ErrorTable:
 
 
 def _unit(metrics: Mapping[str, Any]) -> tuple[str, float]:
-    """Millimetres where all E_t are below 2 cm, else metres."""
-    small = all(block.get("E_t", 0.0) < 0.02 for _, block in _blocks(metrics))
+    """Millimetres where the first E_t, mostly the camera's, is below 2 cm, else metres."""
+    small = next((b["E_t"] for _, b in _blocks(metrics) if "E_t" in b), 0.0) < 0.02
     return ("mm", 1e3) if small else ("m", 1.0)
 
 
@@ -101,7 +101,8 @@ def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]
     still = [_object_name(k, b) for k, b in objects.items()
              if k != "mean" and not b.get("moving_frames", 1)]
     if still:
-        yield f"Never seen to move, so without errors: {', '.join(still)}."
+        more = f" and {len(still) - 6} more" if len(still) > 6 else ""
+        yield f"Never seen to move, so without errors: {', '.join(still[:6])}{more}."
     fits = [f"{_object_name(k, b)} {shown_number(b['E_t_rigid_fit'], scale)} {unit} / "
             f"{shown_number(b['E_R_rigid_fit'])}°"
             for k, b in objects.items() if "E_t_rigid_fit" in b]

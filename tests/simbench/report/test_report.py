@@ -19,7 +19,7 @@ from simbench.report.filmstrip import (
     STATIC_LINE,
     STATIC_POINT,
     Filmstrip,
-    shown_speed,
+    shown_speeds,
     speed_m_s,
 )
 from simbench.report.page import render_report
@@ -151,8 +151,8 @@ def test_the_speed_is_that_of_the_points_and_not_of_the_worlds_origin():
     assert speed_m_s(ObjectEstimate(spin, centroid, 1), 0.1) < 1e-9
     drive = se3.exp(np.array([0.0, 0.0, 0.0, 1.5, 0.0, 0.0]))
     assert speed_m_s(ObjectEstimate(drive, centroid, 1), 0.1) == pytest.approx(15.0)
-    assert shown_speed(15.0) == "54 km/h"
-    assert shown_speed(0.5) == "0.50 m/s"
+    assert shown_speeds({1: 15.0, 2: 0.5}) == {1: "54 km/h", 2: "2 km/h"}
+    assert shown_speeds({2: 0.5}) == {2: "0.50 m/s"}
 
 
 @pytest.mark.parametrize(("value", "text"), [
