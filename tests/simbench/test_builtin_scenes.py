@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -14,6 +16,18 @@ from slam.geometry import se3
 
 SMALL = (64, 48)
 BUILT_IN = ("SwingingBoxes-v0", "Street-v0")
+
+
+@lru_cache
+def small_world(scene, seed=0, **dials):
+    """A world shared by the tests that change nothing but its time; see `fresh`."""
+    return make_world(scene, seed, dials, SMALL)
+
+
+def fresh(scene, seed=0, **dials):
+    world = small_world(scene, seed, **dials)
+    world.reset()
+    return world
 
 
 def object_poses(world, frames, fps):
@@ -106,18 +120,18 @@ def test_a_pendulum_keeps_its_energy():
     assert_allclose(energy, energy[0], atol=1e-3 * swing)
 
 
-@pytest.mark.parametrize("dials", [{}, {"speed": 2.0}, {"speed": 0.0}, {"objects": 12},
-                                   {"camera_speed": 2.0}])
+@pytest.mark.parametrize("dials", [{}, {"speed": 2.0, "objects": 12},
+                                   {"speed": 0.0, "camera_speed": 1.5}])
 def test_cars_never_touch_each_other_or_the_camera(dials):
-    world = make_world("Street-v0", 1, dials, SMALL)
+    world = fresh("Street-v0", 1, **dials)
     poses, cameras = object_poses(world, 100, 10.0)
     assert_apart(world, poses)
     assert np.linalg.norm(poses[..., :2, 3] - cameras[:, None, :2, 3], axis=-1).min() > 2.2
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_street_has_cars_ahead_oncoming_turning_and_parked(seed):
-    world = make_world("Street-v0", seed, size=SMALL)
+    world = fresh("Street-v0", seed)
     poses, cameras = object_poses(world, 100, 10.0)
     names = [each.name for each in world.layout.objects]
     parked = np.array([name.startswith("parked") for name in names])
@@ -141,7 +155,7 @@ def test_street_has_cars_ahead_oncoming_turning_and_parked(seed):
 
 
 def test_wheels_roll_without_slipping_where_the_road_is_straight():
-    world = make_world("Street-v0", 0, size=SMALL)
+    world = fresh("Street-v0")
     car = next(each for each in world.layout.objects if each.name == "car 1")
     wheel = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_BODY, "car 1 wheel 0")
     radius = world.model.body_pos[wheel][2]
@@ -160,7 +174,7 @@ def test_wheels_roll_without_slipping_where_the_road_is_straight():
 
 @pytest.mark.parametrize("scene", BUILT_IN)
 def test_only_what_pixels_and_rays_see_alike_is_in_the_scenes(scene):
-    model = make_world(scene, 0, {"rigidity": 0.0}, SMALL).model
+    model = fresh(scene, rigidity=0.5).model
     solid = [int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)]
     assert np.all(np.isin(model.geom_type, solid))
     assert np.all(model.geom_group <= 2)
@@ -171,7 +185,7 @@ def test_only_what_pixels_and_rays_see_alike_is_in_the_scenes(scene):
 
 @pytest.mark.parametrize("scene", BUILT_IN)
 def test_rigidity_makes_parts_of_objects_move(scene):
-    rigid, flapping = (make_world(scene, 0, {"rigidity": value}, SMALL) for value in (1.0, 0.5))
+    rigid, flapping = fresh(scene), fresh(scene, rigidity=0.5)
     moving = [o for o in rigid.layout.objects if not o.name.startswith("parked")]
     assert all(o.rigid for o in rigid.layout.objects)
     assert not any(o.rigid for o in flapping.layout.objects[:len(moving)])
@@ -210,8 +224,7 @@ def test_speed_and_camera_speed_are_factors_of_time():
 
 @pytest.mark.parametrize("scene", BUILT_IN)
 def test_texture_and_light(scene):
-    full, plain, dim = (make_world(scene, 0, dials, SMALL).model
-                        for dials in ({}, {"texture": 0.0}, {"light": 0.5}))
+    full, plain = (each.model for each in (fresh(scene), fresh(scene, texture=0.0, light=0.5)))
     for texture in range(full.ntex):
         if full.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_2D:
             start, channels = full.tex_adr[texture], full.tex_nchannel[texture]
@@ -220,8 +233,8 @@ def test_texture_and_light(scene):
             assert np.ptp(after, axis=0).max() == 0
             assert np.ptp(before, axis=0).min() > 60
             assert_allclose(after[0], before.mean(axis=0), atol=0.51)
-    assert_allclose(dim.light_diffuse, 0.5 * full.light_diffuse)
-    assert_allclose(dim.vis.headlight.ambient, 0.5 * np.asarray(full.vis.headlight.ambient))
+    assert_allclose(plain.light_diffuse, 0.5 * full.light_diffuse)
+    assert_allclose(plain.vis.headlight.ambient, 0.5 * np.asarray(full.vis.headlight.ambient))
 
 
 @pytest.mark.parametrize("scene", BUILT_IN)
@@ -261,7 +274,7 @@ def test_corners_of_objects_land_on_their_own_masks(scene):
 
 @pytest.mark.parametrize("scene", BUILT_IN)
 def test_edges_lie_on_visible_things(scene):
-    layout = make_world(scene, 0, size=SMALL).layout
+    layout = fresh(scene).layout
     length = np.linalg.norm(layout.edges.endpoints_part[:, 1] - layout.edges.endpoints_part[:, 0],
                             axis=1)
     assert length.min() >= (0.1 if scene == BUILT_IN[0] else 0.25)
