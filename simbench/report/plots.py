@@ -192,14 +192,16 @@ def _error_plot(content: ReportContent, series: list[_Series], title: str,
             for axes, values in ((upper, t_m * scale), (lower, r_deg)):
                 gaps = np.full(len(time_s), np.nan)
                 gaps[frame] = values
-                axes.plot(time_s, gaps, color=colour, label=name, marker=".", markersize=2.5,
+                axes.plot(time_s, gaps, color=colour, label=name.replace("$", r"\$"),
+                          marker=".", markersize=2.5,
                           linewidth=1.0)
-        for axes, key, factor in ((upper, "E_t", scale), (lower, "E_R", 1.0)):
+        for axes, key, factor, errors in (
+                (upper, "E_t", scale, [t_m for _, _, _, t_m, _ in series]),
+                (lower, "E_R", 1.0, [r_deg for _, _, _, _, r_deg in series])):
             if key in floor:
                 axes.axhline(floor[key] * factor, color=INK, linewidth=0.8,
                              linestyle=(0, (1, 2)), label="floor of the truth")
-            _scale_errors(axes, np.concatenate(
-                [values[3 if key == "E_t" else 4] * factor for values in series]))
+            _scale_errors(axes, np.concatenate(errors))
             _shade_lost(axes, content, time_s)
         upper.set_ylabel(f"$E_t$ ({unit})")
         lower.set_ylabel("$E_R$ (°)")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -207,3 +208,26 @@ def wrapped(frame):
     frame.write_text("<title></title>" + text + "<script>f.onload = () => document.title ="
                      " f.contentDocument.title</script>")
     return frame
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_shortest_runs_have_a_page(count):
+    truth = world(count=count)
+    film = Filmstrip(count)
+    record = run(PerturbedTruth(truth, P, P), SyntheticFeed(SyntheticSequence(truth)),
+                 observers=(film,))
+    online = Online.of(record)
+    metrics = score(truth, record)
+    assert ("E_t" in metrics["camera"]) == (count > 1)
+    assert film.pictures
+    page = render_report(ReportContent.of(metrics, record.stamps_s, online.camera, online.motions,
+                                          online.owner, truth, True, film.pictures))
+    assert not Outline(page).open
+
+
+def test_errors_of_very_different_size_are_drawn_by_powers_of_ten(content):
+    errors = dict(content.object_errors)
+    errors[2] = replace(errors[2], t_m=np.where(np.arange(len(errors[2].t_m)) < 3, 5.0, 1e-4))
+    objects = error_plots(replace(content, object_errors=errors))[1]
+    assert "{10^{" in objects.svg
+    assert "{10^{" not in error_plots(content)[1].svg
