@@ -32,6 +32,7 @@ app.command("view")(view.view_command)
 _UsageProblem: type[Exception] = next(
     c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 _DEBUG = "--debug"
+_INTERRUPTED = 130
 
 
 @app.callback()
@@ -59,8 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _failed(_os_message(error), debug)
     except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    if code == _INTERRUPTED:   # which typer makes of Ctrl-C by itself
         print("interrupted", file=sys.stderr)
-        return 130
     return code if isinstance(code, int) else 0
 
 

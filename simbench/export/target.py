@@ -36,10 +36,11 @@ def depth_scale_for(sequence: Sequence) -> float:
                         "export a sequence with depth")
     if isinstance(sequence, SimbenchFolder | TumFolder):
         return sequence.calibration.depth_scale
-    reach_m = 0.0
-    far = False
+    exact = sequence.truth if sequence.truth and sequence.truth.has_images else None
+    reach_m, far = 0.0, False
     for k in range(len(sequence)):
-        depth_m = sequence.frame(k).depth_m
+        # A frame of a simulated sequence would bring its flow along, which takes its time.
+        depth_m = (exact or sequence).frame(k).depth_m
         measured = depth_m[depth_m > 0]
         if measured.size:
             reach_m = max(reach_m, float(np.quantile(measured, _KEPT_SHARE)))

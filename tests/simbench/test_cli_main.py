@@ -1,0 +1,108 @@
+"""Errors of the command line: one line on stderr, exit code 2, a traceback only on request."""
+
+import errno
+import subprocess
+import sys
+
+import pytest
+
+from simbench import cli
+from simbench.cli import main, view
+from simbench.cli.options import collect_dials, parse_size
+from simbench.errors import UserError
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["nonsense"], "nonsense"),
+    (["generate"], "SCENE"),
+    (["generate", "SwingingBoxes-v0"], "--out"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--frames", "0"], "--frames"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--workers", "many"], "--workers"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--size", "640"], "640x480"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--dial", "speed"], "NAME=VALUE"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--dial", "sped=1"], "did you mean 'speed'"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--texture", "7"], "--texture"),
+    (["generate", "SwingingBoxes-v0", "--out", "x", "--sensor", "kinekt"], "kinect"),
+    (["generate", "SwinginBoxes-v0", "--out", "x"], "did you mean 'SwingingBoxes-v0'"),
+    (["verify", "/nowhere/at/all"], "no such folder"),
+    (["export", ".", "--format", "tum", "--out", "x"], "not a sequence"),
+    (["export", ".", "--format", "bag", "--out", "x"], "there are tum, vdo"),
+    (["view", "/nowhere/at/all"], "no such folder"),
+])
+def test_wrong_input_is_one_line_and_exit_2(words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert "Traceback" not in captured.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback_wherever_it_stands(capsys):
+    for words in (["--debug", "verify", "/nowhere"], ["verify", "/nowhere", "--debug"]):
+        assert main(words) == 2
+        captured = capsys.readouterr()
+        assert "Traceback" in captured.err
+        assert captured.err.splitlines()[-1].startswith("error: /nowhere: no such folder")
+
+
+@pytest.mark.parametrize(("error", "code", "message"), [
+    (OSError(errno.ENOSPC, "No space left on device", "/out/rgb/1.png"), 2,
+     "/out/rgb/1.png: the disk is full"),
+    (PermissionError(errno.EACCES, "Permission denied", "/out"), 2, "/out: permission denied"),
+    (OSError(errno.EROFS, "Read-only file system", "/out"), 2, "read-only"),
+    (OSError(errno.EIO, "Input/output error", "/out"), 2, "/out: Input/output error"),
+    (KeyboardInterrupt(), 130, "interrupted"),
+])
+def test_what_the_system_refuses_is_one_line(error, code, message, capsys, monkeypatch):
+    def fail():
+        raise error
+
+    monkeypatch.setattr(cli.app, "registered_commands", [])
+    cli.app.command("fail")(fail)
+    cli.app.command("view")(view.view_command)   # a second command: typer flattens a single one
+    assert main(["fail"]) == code
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+
+
+def test_a_fault_of_ours_is_not_hidden(monkeypatch):
+    def fail():
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli.app, "registered_commands", [])
+    cli.app.command("fail")(fail)
+    cli.app.command("view")(view.view_command)
+    with pytest.raises(ZeroDivisionError):
+        main(["fail"])
+
+
+def test_help_lists_the_commands_and_loads_nothing_heavy(capsys):
+    assert main([]) == 0
+    listed = capsys.readouterr().out
+    for name in ("list", "generate", "run", "score", "verify", "export", "view"):
+        assert f"\n  {name} " in listed
+    code = ("import sys, simbench; before = set(sys.modules); import simbench.cli; "
+            "simbench.cli.main(['--help']); print([m for m in set(sys.modules) - before "
+            "if m in ('mujoco', 'cv2', 'zarr', 'scipy', 'matplotlib', 'rich.progress')])")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_list_names_scenes_dials_systems_and_sensors(capsys):
+    assert main(["list"]) == 0
+    listed = capsys.readouterr().out
+    for word in ("SwingingBoxes-v0", "--dial texture=1", "sdpl", "kinect"):
+        assert word in listed
+
+
+def test_sizes_and_dials_are_parsed():
+    assert parse_size("320x240") == (320, 240)
+    assert parse_size(None) is None
+    assert collect_dials(["speed=0.5"], 0.25, None) == {"speed": 0.5, "texture": 0.25}
+    with pytest.raises(UserError, match="given twice"):
+        collect_dials(["texture=1"], 0.5, None)
+    with pytest.raises(UserError, match="not a number"):
+        collect_dials(["speed=fast"], None, None)

@@ -1,0 +1,95 @@
+"""generate, verify, export and view, as they are typed."""
+
+from pathlib import Path
+
+import cv2
+import pytest
+
+from folders import tum_folder, vdo_folder
+from simbench.cli import main
+from simbench.sequence import open_sequence
+
+SCENE = str(Path(__file__).parent / "scenes" / "stored_room.py") + ":StoredRoom-v0"
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cli") / "room"
+    assert main(["generate", SCENE, "--out", str(out), "--frames", "3", "--seed", "4",
+                 "--sensor", "realsense", "--texture", "0.5", "--dial", "light=0.8"]) == 0
+    return out
+
+
+def test_generate_does_what_its_options_say(generated):
+    sequence = open_sequence(generated)
+    assert len(sequence) == 3
+    assert sequence.manifest["seed"] == 4
+    assert sequence.manifest["sensor"] == "realsense"
+    assert sequence.manifest["dials"] == {"light": 0.8, "texture": 0.5}
+
+
+def test_generate_tells_its_speed_and_resume_what_was_there(generated, capsys):
+    words = ["generate", SCENE, "--out", str(generated), "--frames", "3", "--seed", "4",
+             "--sensor", "realsense", "--texture", "0.5", "--dial", "light=0.8"]
+    assert main([*words, "--resume"]) == 0
+    out = capsys.readouterr().out
+    assert "0 frames (3 were there already)" in out
+    assert "frames/s" in out
+    assert "MB" in out
+    assert main(words) == 2
+    assert "not empty" in capsys.readouterr().err
+
+
+def test_verify_passes_and_fails(generated, tmp_path, capsys):
+    assert main(["verify", str(generated)]) == 0
+    assert "3 frames, all good" in capsys.readouterr().out
+    folder = tum_folder(tmp_path / "tum")
+    (folder / "rgb/2.png").unlink()
+    assert main(["verify", str(folder)]) == 2
+    captured = capsys.readouterr()
+    assert "1 problem" in captured.err
+    assert captured.err.count("\n") == 1
+    assert "rgb/2.png" in captured.out
+
+
+@pytest.mark.parametrize("layout", ["vdo", "tum"])
+def test_export_writes_what_verify_accepts(generated, tmp_path, layout, capsys):
+    out = str(tmp_path / layout)
+    assert main(["export", str(generated), "--format", layout, "--out", out]) == 0
+    assert main(["verify", out]) == 0
+    assert "3 frames, all good" in capsys.readouterr().out
+
+
+def test_calibration_is_taken_from_the_option(tmp_path, capsys):
+    folder = tum_folder(tmp_path / "tum", calibration=None)
+    assert main(["verify", str(folder)]) == 2
+    assert "--calibration FILE" in capsys.readouterr().err
+    given = tmp_path / "given.yaml"
+    given.write_text("width: 32\nheight: 24\nfx: 30\nfy: 30\ncx: 15\ncy: 11\n")
+    assert main(["verify", str(folder), "--calibration", str(given)]) == 0
+
+
+def test_a_contact_sheet_shows_what_there_is(generated, tmp_path):
+    sheet = tmp_path / "sheets" / "room.png"
+    assert main(["view", str(generated), "--contact-sheet", str(sheet)]) == 0
+    image = cv2.imread(str(sheet))
+    assert image.shape[1] == 4 * 320   # colour, depth, masks, flow
+    assert image.std() > 20
+    recording = tmp_path / "vdo.png"
+    assert main(["view", str(vdo_folder(tmp_path / "v", 1)), "--contact-sheet",
+                 str(recording)]) == 0
+    assert cv2.imread(str(recording)).shape[1] == 3 * 320
+
+
+def test_view_names_the_extra_that_is_missing(generated, monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["view", str(generated)]) == 2
+    assert 'pip install "simbench-slam[view]"' in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["generate", SCENE, "--out", str(tmp_path / "file" / "below")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "file" in error
