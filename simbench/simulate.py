@@ -36,11 +36,12 @@ class SimulatedTruth:
 
     has_images = True
 
-    def __init__(self, world: World, renderer: Renderer, stamps_s: Array) -> None:
+    def __init__(self, world: World, renderer: Renderer, stamps_s: Array,
+                 kept: int = _KEPT) -> None:
         self.layout: SceneLayout = world.layout
         self._world, self._renderer, self._stamps_s = world, renderer, stamps_s
         self._caster = RayCaster(world.model)
-        self._memory = _Memory(_KEPT)
+        self._memory = _Memory(kept)
         self._seen: dict[int, frozenset[int]] = {}   # frame -> objects seen in it
         self._states = []
         T_world_camera, T_world_part = [], []
@@ -110,13 +111,15 @@ class SimulatedSequence(IteratesFrames):
 
     holds = frozenset({"flow", "masks", "depth"})
 
-    def __init__(self, world: World, renderer: Renderer, frames: int) -> None:
+    def __init__(self, world: World, renderer: Renderer, frames: int, kept: int = _KEPT) -> None:
         """Move the world through all its frames (none is drawn yet).
 
         Args:
             world: is moved about from now on; do not move it elsewhere.
             renderer: stays the caller's to close.
             frames: K > 0; frame k is at k / world.fps.
+            kept: frames (12 MB each at 640×480, flow included) that stay in memory; all of them
+                where several systems are to see the same sequence.
         Raises:
             UserError: frames is not positive.
         """
@@ -124,7 +127,7 @@ class SimulatedSequence(IteratesFrames):
             raise UserError(f"frames {frames}: a sequence has at least one")
         self.stamps_s = np.arange(frames) / world.fps
         self.intrinsics: Intrinsics = world.layout.intrinsics
-        self.truth = SimulatedTruth(world, renderer, self.stamps_s)
+        self.truth = SimulatedTruth(world, renderer, self.stamps_s, kept)
         self.name: str = world.spec.name
         self._fps: float = world.fps
         self._identity = {"scene": world.spec.name, "seed": world.seed, "dials": world.dials,
@@ -132,7 +135,7 @@ class SimulatedSequence(IteratesFrames):
                           "size": [self.intrinsics.width, self.intrinsics.height],
                           "mujoco": mujoco.__version__}
         self._renderer = renderer
-        self._pictures = _Memory(_KEPT)
+        self._pictures = _Memory(kept)
 
     def __len__(self) -> int:
         return len(self.stamps_s)
