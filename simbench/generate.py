@@ -30,8 +30,6 @@ from simbench.simulate import SimulatedSequence
 from simbench.world import World, make_world
 from slam.geometry.arrays import Array
 
-# PNG units per metre: TUM's 5000 reaches 13.1 m, the others 65 m, 256 m and 655 m.
-DEPTH_SCALES = (5000.0, 1000.0, 256.0, 100.0)
 _INDOOR_BASELINE_M = 0.12     # of a stereo camera for rooms
 _OUTDOOR_BASELINE_M = 0.54    # KITTI's
 _FRAMES_A_TASK = 4
@@ -209,10 +207,10 @@ def _write_fixed(out: Path, sequence: SimulatedSequence,
     T_world_camera, T_world_part = np.stack(cameras), np.stack(parts)
     layout = sequence.truth.layout
     reach_m = farthest_depth(sequence.truth.world_at(0).model, T_world_camera, T_world_part)
-    scale = next((s for s in DEPTH_SCALES if reach_m * s < 65534), DEPTH_SCALES[-1])
+    scale = storage.depth_scale_for(reach_m)
     baseline_m = None
     if settings.stereo:
-        baseline_m = _INDOOR_BASELINE_M if scale == DEPTH_SCALES[0] else _OUTDOOR_BASELINE_M
+        baseline_m = _INDOOR_BASELINE_M if scale == storage.DEPTH_SCALES[0] else _OUTDOOR_BASELINE_M
     for kind in (*storage.PICTURES, *(("right",) if settings.stereo else ())):
         (out / kind).mkdir(exist_ok=True)
     storage.write_fixed_truth(out, layout, sequence.stamps_s, T_world_camera, T_world_part,

@@ -33,6 +33,8 @@ TEMPORARY = ".partial"                     # zarr's own suffix for what it has n
 PICTURES = ("rgb", "depth", "instance")
 PER_FRAME_TRUTH = ("depth_m", "part_id", "object_pixels")
 
+# PNG units per metre: TUM's 5000 reaches 13.1 m, the others 32 m, 65 m, 131 m, 256 m and 655 m.
+DEPTH_SCALES = (5000.0, 2000.0, 1000.0, 500.0, 256.0, 100.0)
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 2]   # 3 takes 1.4 times as long for 2 % less
 _ZSTD = ZstdCodec(level=3)
 
@@ -43,9 +45,10 @@ def write_bytes(path: Path, data: bytes) -> None:
     try:
         temporary.write_bytes(data)
         temporary.replace(path)
-    except OSError:
+    except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise
+        # Writing, unlike opening, does not say which file it failed on.
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
@@ -70,6 +73,11 @@ def write_png(path: Path, image: Array) -> None:
     pixels = image[..., ::-1] if image.ndim == 3 else image
     _, data = cv2.imencode(".png", np.ascontiguousarray(pixels), _PNG)
     write_bytes(path, data.tobytes())
+
+
+def depth_scale_for(reach_m: float) -> float:
+    """The finest PNG units per metre with which depths up to `reach_m` fit in 16 bits."""
+    return next((s for s in DEPTH_SCALES if reach_m * s < 65534), DEPTH_SCALES[-1])
 
 
 def encode_depth(depth_m: Array, units_per_metre: float) -> Array:

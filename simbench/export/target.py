@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from simbench import storage
 from simbench.datasets.simbench_folder import SimbenchFolder
 from simbench.datasets.tum import TumFolder
 from simbench.errors import UserError
 from simbench.sequence import Sequence
 
-SCALES = (5000.0, 1000.0, 256.0, 100.0)   # PNG units per metre: 13, 65, 256 and 655 m
 _KEPT_SHARE = 0.99      # of the measured depths, where no scale holds them all
 _log = logging.getLogger(__name__)
 
@@ -37,16 +37,17 @@ def depth_scale_for(sequence: Sequence) -> float:
     if isinstance(sequence, SimbenchFolder | TumFolder):
         return sequence.calibration.depth_scale
     exact = sequence.truth if sequence.truth and sequence.truth.has_images else None
-    reach_m, far = 0.0, False
+    deepest_m, usual_m = 0.0, 0.0
     for k in range(len(sequence)):
         # A frame of a simulated sequence would bring its flow along, which takes its time.
         depth_m = (exact or sequence).frame(k).depth_m
         measured = depth_m[depth_m > 0]
         if measured.size:
-            reach_m = max(reach_m, float(np.quantile(measured, _KEPT_SHARE)))
-            far = far or float(measured.max()) * SCALES[-1] >= 65534.5
-    scale = next((s for s in SCALES if reach_m * s < 65534), SCALES[-1])
-    if far:
-        _log.warning("%s: depths beyond %.0f m do not fit in 16 bits and are written as 0, no "
-                     "measurement", sequence.name, 65534 / scale)
+            deepest_m = max(deepest_m, float(measured.max()))
+            usual_m = max(usual_m, float(np.quantile(measured, _KEPT_SHARE)))
+    if deepest_m * storage.DEPTH_SCALES[-1] < 65534:
+        return storage.depth_scale_for(deepest_m)
+    scale = storage.depth_scale_for(usual_m)
+    _log.warning("%s: depths beyond %.0f m do not fit in 16 bits and are written as 0, no "
+                 "measurement", sequence.name, 65534 / scale)
     return scale

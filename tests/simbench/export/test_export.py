@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from folders import HEIGHT, WIDTH, kitti_folder, raw_depth, tum_folder, vdo_folder
+from folders import HEIGHT, WIDTH, kitti_folder, raw_depth, save, tum_folder, vdo_folder
 from simbench.datasets.flo import flo_bytes, read_flo
 from simbench.errors import UnknownName, UserError
 from simbench.export import find_exporter
@@ -113,6 +113,19 @@ def test_recorded_flow_and_unknown_flow_are_carried_over(tmp_path):
     wanted = 12.0 / (raw_depth(0) / 256.0)
     near = wanted < 10.0
     assert_allclose(read[near], wanted[near], atol=1e-2)
+
+
+def test_depths_beyond_16_bits_are_named_in_the_log(tmp_path, caplog):
+    folder = vdo_folder(tmp_path / "vdo", 2)
+    disparity = np.full((HEIGHT, WIDTH), 256 * 3, np.uint16)   # 4 m
+    disparity[0, 0] = 1                                       # 3072 m
+    for k in range(3):
+        save(folder / f"depth/{k:06d}.png", disparity)
+    export_tum(open_sequence(folder), tmp_path / "out")
+    assert "depths beyond 13 m do not fit" in caplog.text
+    depth_m = open_sequence(tmp_path / "out").frame(0).depth_m
+    assert depth_m[0, 0] == 0
+    assert_allclose(depth_m.ravel()[1:], 4.0, atol=1e-4)
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path):
