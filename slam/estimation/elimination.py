@@ -134,6 +134,8 @@ def _accumulate_points(T, group, rays, rho, rho_measured, uv_b, rho_b, whitening
         chi[i] = np.sqrt(chi2)
         weight, loss = robust(chi2, huber, width)
         cost[own] += loss
+        if weight == 0.0:                            # not finite: 0 times it would not be 0
+            continue
         for a in range(3):
             for c in range(6):
                 weighted = weight * Jw[a, c]
@@ -201,9 +203,9 @@ def _accumulate_lines(group, r, J, huber, width, cost, H, g):  # type: ignore[no
         chi2 = r[i, 0] * r[i, 0] + r[i, 1] * r[i, 1]
         chi[i] = np.sqrt(chi2)
         weight, loss = robust(chi2, huber, width)
+        cost[group[i]] += loss
         if weight == 0.0:
             continue
-        cost[group[i]] += loss
         for a in range(2):
             for c in range(6):
                 weighted = weight * J[i, a, c]
