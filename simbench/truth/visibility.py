@@ -37,17 +37,19 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
     projection = Projection(seen_i.truth, seen_j.truth, motions, intrinsics)
     flow = np.empty((height, width, 2), np.float32)
     ahead, inside, hidden = (np.zeros((height, width), bool) for _ in range(3))
+    across, downward = np.arange(float(width)), np.arange(float(height))[:, None]
     open_pixels, open_uvz = [], []
     for start in range(0, height, _STRIP_ROWS):
         rows = slice(start, min(start + _STRIP_ROWS, height))
         uvz = projection.rows(rows)
         u, v, z = uvz
         np.logical_and(part_id[rows] >= 0, z > 0.0, out=ahead[rows])
-        np.copyto(uvz, -1.0, where=~ahead[rows])
-        np.subtract(u, np.arange(width), out=flow[rows, :, 0], casting="same_kind")
-        np.subtract(v, np.arange(height)[rows, None], out=flow[rows, :, 1], casting="same_kind")
-        within = (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
-        within &= ahead[rows]
+        if not ahead[rows].all():
+            np.copyto(uvz, -1.0, where=~ahead[rows])   # which lies outside of the image
+        flow[rows, :, 0] = u - across
+        flow[rows, :, 1] = v - downward[rows]
+        within = np.abs(u - 0.5 * (width - 1)) < 0.5 * width
+        within &= np.abs(v - 0.5 * (height - 1)) < 0.5 * height
         inside[rows] = within
         left_open = np.flatnonzero(within & ~_on_its_own_plane(part_id[rows], uvz, within, seen_j))
         open_pixels.append(left_open + start * width)
@@ -62,13 +64,17 @@ def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> 
     """(h, W) bool: the four pixels around show the point's part as a plane not before the point."""
     width, w = part.shape[1], seen.inverse_depth
     u, v = np.where(inside, uvz[:2], 0.0)
-    u0, v0 = u.astype(np.intp), v.astype(np.intp)
-    cell = v0 * width + u0
+    visible = np.minimum(u, v) >= 0.0   # outside of that there is no cell
+    u0, v0 = np.trunc(u), np.trunc(v)
+    cell = (v0 * width + u0).astype(np.intp)
+    u -= u0
+    v -= v0
     corner = w.take(cell)
-    plane = corner + (u - u0) * (w.take(cell + 1, mode="clip") - corner)
-    plane += (v - v0) * (w.take(cell + width, mode="clip") - corner)
-    plane *= uvz[2]
-    visible = plane <= 1.0 + TOLERANCE_RELATIVE
+    u *= w.take(cell + 1, mode="clip") - corner
+    v *= w.take(cell + width, mode="clip") - corner
+    u += v
+    u += corner
+    u *= uvz[2]
+    visible &= u <= 1.0 + TOLERANCE_RELATIVE
     visible &= seen.cell_part.take(cell) == part
-    visible &= np.minimum(u, v) >= 0.0   # outside of that there is no cell
     return visible
