@@ -33,7 +33,6 @@ from slam.geometry.arrays import Array
 _INDOOR_BASELINE_M = 0.12     # of a stereo camera for rooms
 _OUTDOOR_BASELINE_M = 0.54    # KITTI's
 _FRAMES_A_TASK = 4
-_BLUR_SUBFRAMES = 8
 _RECORDED_VERSIONS = ("mujoco", "numpy", "opencv-contrib-python-headless", "zarr")
 
 
@@ -157,7 +156,8 @@ class _Studio:
     def left(self, k: int, sensor: SensorSpec) -> Array:
         """(H, W, 3) uint8 before noise."""
         if sensor.exposure_s > 0:
-            return self.sequence.render_blurred(k, sensor.exposure_s, _BLUR_SUBFRAMES)
+            return self.sequence.render_blurred(k, sensor.exposure_s,
+                                                sensor.exposure_subframes)
         return self.sequence.rgb(k)
 
     def right(self, k: int, baseline_m: float) -> Array:
