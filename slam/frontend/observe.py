@@ -12,6 +12,7 @@ from slam.types import Frame
 
 NO_GROUP = 255           # pixels of a mask that takes part in no motion
 _MOST_LABELS = 254
+_NEAREST_M = 1e-3        # nearer is no depth, and its inverse may be too large for float32
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ def observe(frame: Frame) -> Observation:
     gray = cv2.cvtColor(np.ascontiguousarray(frame.rgb), cv2.COLOR_RGB2GRAY)
     depth = np.asarray(frame.depth_m, dtype=np.float32)
     rho = np.divide(np.float32(1), depth, out=np.zeros_like(depth),
-                    where=np.isfinite(depth) & (depth > 0))
+                    where=np.isfinite(depth) & (depth > _NEAREST_M))
     labels, index = _compact(frame.instance_id, gray.shape)
     return Observation(frame, gray, rho, labels, index)
 
