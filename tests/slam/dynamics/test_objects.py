@@ -1,0 +1,87 @@
+"""Tracks of objects: identity, short stops, forgetting, prediction."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from slam.config import DynamicConfig
+from slam.dynamics.objects import ObjectTable
+from slam.geometry import se3
+
+H = se3.exp(np.array([0.0, 0.02, 0.0, 0.1, 0.0, 0.0]))
+
+
+def table(**settings):
+    return ObjectTable(DynamicConfig(**settings))
+
+
+def test_tracks_follow_their_masks_through_new_labels():
+    objects = table()
+    first = objects.relabel({}, [4, 9], -np.inf, 0.0)
+    assert len(set(first.values())) == 2
+    second = objects.relabel({9: 4, 4: 9}, [4, 9, 12], 0.0, 0.1)
+    assert second[9] == first[4]
+    assert second[4] == first[9]
+    assert second[12] not in first.values()
+    third = objects.relabel({1: 12}, [1], 0.1, 0.2)
+    assert third == {1: second[12]}
+    assert set(objects.of_label(0.2)) == {1}
+
+
+def test_track_numbers_are_never_used_twice():
+    objects = table(forget_s=0.05)
+    seen = [track for k in range(6)
+            for track in objects.relabel({}, [1], k / 10 - 0.1, k / 10).values()]
+    assert len(set(seen)) == 6
+
+
+def test_a_track_without_a_mask_is_forgotten_after_its_time_and_not_before():
+    objects = table(forget_s=1.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    objects.relabel({}, [], 0.0, 1.0)
+    assert track in objects.states
+    objects.relabel({}, [], 1.0, 1.1)
+    assert track not in objects.states
+
+
+def test_a_thing_that_moved_stays_dynamic_through_a_short_stop_only():
+    objects = table(stay_dynamic_s=1.0, forget_s=10.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    assert objects.judged(track, True, 0.0, H)
+    assert objects.judged(track, False, 0.9, np.eye(4))
+    assert not objects.judged(track, False, 1.1, np.eye(4))
+    assert objects.states[track].parked
+    assert objects.judged(track, True, 1.2, H)
+    assert not objects.states[track].parked
+
+
+def test_a_thing_that_never_moved_is_parked():
+    objects = table()
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    assert not objects.judged(track, False, 0.1, np.eye(4))
+    assert objects.states[track].parked
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_the_motion_expected_is_the_last_one_seen_from_the_camera(ratio):
+    objects = table()
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    objects.judged(track, True, 0.0, H)
+    T_world_camera = se3.exp(np.array([0.1, -0.2, 0.05, 1.0, 2.0, -0.5]))
+    expected = objects.predicted_relative(track, T_world_camera, ratio)
+    p_camera = np.array([0.3, -0.2, 5.0])
+    p_world = se3.transform_points(T_world_camera, p_camera[None])
+    moved = se3.transform_points(se3.exp(se3.log(H) * ratio), p_world)
+    assert_allclose(se3.transform_points(T_world_camera @ expected, p_camera[None]), moved,
+                    atol=1e-12)
+
+
+def test_nothing_is_expected_of_the_unknown_and_the_parked():
+    objects = table()
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
+    assert_allclose(objects.predicted_relative(999, np.eye(4), 1.0), np.eye(4))
+    objects.judged(track, True, 0.1, None)              # its motion is not to be trusted
+    assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
+    objects.judged(track, False, 9.0, H)
+    assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))

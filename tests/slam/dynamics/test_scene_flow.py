@@ -1,0 +1,68 @@
+"""Moving or not: per second, in all three coordinates, beyond the noise."""
+
+import numpy as np
+import pytest
+
+from slam.config import DynamicConfig
+from slam.dynamics.scene_flow import moves
+from slam.geometry import se3
+
+CONFIG = DynamicConfig(static_share_of_distance=0.0)
+SURE = np.eye(6) * 1e12          # information of poses known perfectly
+POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 4.0], [0.5, 0.5, 5.0], (50, 3))
+
+
+def shift(axis, distance_m):
+    return se3.exp(np.r_[0.0, 0.0, 0.0, np.eye(3)[axis] * distance_m])
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("dt_s", [0.02, 0.1, 0.5])
+def test_the_threshold_is_a_speed_whatever_the_direction_and_the_frame_rate(axis, dt_s):
+    limit = CONFIG.static_scene_flow_m_s
+    assert moves(shift(axis, 1.05 * limit * dt_s), SURE, SURE, POINTS, dt_s, CONFIG)
+    assert not moves(shift(axis, 0.95 * limit * dt_s), SURE, SURE, POINTS, dt_s, CONFIG)
+
+
+def test_turning_in_place_is_moving():
+    centre = POINTS.mean(axis=0)
+    turn = se3.exp(np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]))
+    about_centre = se3.from_rotation_translation(turn[:3, :3], centre - turn[:3, :3] @ centre)
+    assert moves(about_centre, SURE, SURE, POINTS, 0.1, CONFIG)
+
+
+def test_motion_within_the_noise_of_either_pose_is_none():
+    sigma_m = 0.05
+    unsure = np.diag(np.r_[np.full(3, 1e12), np.full(3, 1 / sigma_m**2)])
+    small, large = shift(2, 2.0 * sigma_m), shift(2, 6.0 * sigma_m)
+    for static, own in ((unsure, SURE), (SURE, unsure)):
+        assert not moves(small, static, own, POINTS, 0.1, CONFIG)
+        assert moves(large, static, own, POINTS, 0.1, CONFIG)
+    assert moves(small, SURE, SURE, POINTS, 0.1, CONFIG)
+
+
+def test_noise_of_rotation_counts_by_the_distance():
+    loose = np.diag(np.r_[np.full(3, 1 / 0.01**2), np.full(3, 1e12)])   # 4.5 cm at 4.5 m
+    motion = shift(0, 0.08)
+    assert not moves(motion, loose, SURE, POINTS, 0.1, CONFIG)
+    assert moves(motion, loose, SURE, POINTS * 0.1, 0.1, CONFIG)
+
+
+def test_what_is_known_to_move_needs_less_to_go_on():
+    slow = shift(0, 0.5 * CONFIG.static_scene_flow_m_s * 0.1)
+    assert not moves(slow, SURE, SURE, POINTS, 0.1, CONFIG)
+    assert moves(slow, SURE, SURE, POINTS, 0.1, CONFIG, moved_before=True)
+
+
+def test_no_points_and_no_information_are_no_motion():
+    assert not moves(shift(0, 1.0), SURE, SURE, np.zeros((0, 3)), 0.1, CONFIG)
+    assert not moves(shift(0, 1.0), np.zeros((6, 6)), SURE, POINTS, 0.1, CONFIG)
+
+
+def test_far_things_need_to_move_more():
+    config = DynamicConfig(static_scene_flow_m_s=0.0, static_share_of_distance=0.01)
+    for far in (1.0, 10.0):
+        points = POINTS * far
+        limit = 0.01 * np.quantile(points[:, 2], 1 - config.moving_share)
+        assert moves(shift(0, 1.05 * limit), SURE, SURE, points, 0.1, config)
+        assert not moves(shift(0, 0.5 * limit), SURE, SURE, points, 0.1, config)

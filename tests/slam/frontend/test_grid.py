@@ -1,0 +1,139 @@
+"""Cell means of dense flow, against the same sums written out pixel by pixel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from slam.config import GridConfig, NoiseConfig
+from slam.frontend.grid import GRID_KIND, OBJECT_GRID_KIND, grid_matches
+from slam.frontend.observe import NO_GROUP
+from slam.types import FlowField
+
+SIZE = (37, 50)          # no multiple of a cell
+NOISE = NoiseConfig()
+CONFIG = GridConfig()
+
+
+def random_input(seed):
+    rng = np.random.default_rng(seed)
+    flow = rng.normal(scale=3.0, size=(*SIZE, 2)).astype(np.float32)
+    flow[rng.random(SIZE) < 0.05] = np.nan
+    flow[rng.random(SIZE) < 0.02] = np.inf
+    valid = rng.random(SIZE) < 0.9 if seed % 2 else None
+    rho_a = rng.uniform(0.3, 0.36, SIZE).astype(np.float32)
+    rho_b = rng.uniform(0.25, 0.44, SIZE).astype(np.float32)
+    rho_a[rng.random(SIZE) < 0.1] = 0.0
+    rho_b[rng.random(SIZE) < 0.04] = 0.0
+    blocks = np.array([0, 0, 0, 1, 2, NO_GROUP], np.uint8)
+    group = blocks[np.kron(rng.integers(0, 6, (4, 5)), np.ones((10, 10), int))][:SIZE[0], :SIZE[1]]
+    return FlowField(flow, valid), rho_a, rho_b, group, group.copy()
+
+
+def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
+    """(group, uv, rho_a, uv_b, count, rho_b or None) of each cell with enough pixels."""
+    out = []
+    for i in range(SIZE[0] // cell):
+        for j in range(SIZE[1] // cell):
+            own = group_a[i * cell + cell // 2, j * cell + cell // 2]
+            if own == NO_GROUP or (own == 0) != static:
+                continue
+            rows, seen = [], []
+            for v in range(i * cell, i * cell + cell):
+                for u in range(j * cell, j * cell + cell):
+                    move = flow.flow_px[v, u].astype(float)
+                    if not np.isfinite(move).all() or group_a[v, u] != own or rho_a[v, u] <= 0:
+                        continue
+                    if flow.valid is not None and not flow.valid[v, u]:
+                        continue
+                    to = np.floor(np.array([u, v]) + move + 0.5)
+                    if not (0 <= to[0] < SIZE[1] and 0 <= to[1] < SIZE[0]):
+                        continue
+                    there = int(to[1]), int(to[0])
+                    if group_b[there] != own:
+                        continue
+                    if rho_b[there] > 0:
+                        gate = CONFIG.max_depth_change * rho_a[v, u] + 8 * NOISE.inverse_depth_sigma
+                        if abs(rho_b[there] - rho_a[v, u]) > gate:
+                            continue
+                        seen.append(rho_b[there])
+                    rows.append([u, v, *move, rho_a[v, u]])
+            if rows and len(rows) >= CONFIG.min_filled * cell**2:
+                mean = np.mean(rows, axis=0)
+                out.append((own, mean[:2], mean[4], mean[:2] + mean[2:4], len(rows),
+                            np.mean(seen) if len(seen) > 0.9 * len(rows) else None))
+    return out
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=8)
+def test_cells_are_the_means_of_their_usable_pixels(seed):
+    inputs = random_input(seed)
+    found = grid_matches(*inputs, CONFIG, NOISE)
+    expected = [(*row, kind) for cell, static, kind in (
+        (CONFIG.static_cell_px, True, GRID_KIND),
+        (CONFIG.object_cell_px, False, OBJECT_GRID_KIND))
+        for row in means_pixel_by_pixel(*inputs, cell, static)]
+    assert len(found) == len(expected)
+    for n, (group, uv, rho_a, uv_b, count, rho_b, kind) in enumerate(expected):
+        assert (found.group[n], found.kind[n]) == (group, kind)
+        assert_allclose(found.uv_a[n], uv, atol=1e-9)
+        assert_allclose(found.uv_b[n], uv_b, atol=1e-5)
+        assert_allclose(found.rho_a[n], rho_a, rtol=1e-6)
+        assert_allclose(found.flow_cov[n], NOISE.flow_sigma_px**2 / count * np.eye(2))
+        assert_allclose(found.rho_sigma_a[n], NOISE.inverse_depth_sigma / np.sqrt(count))
+        if rho_b is None:
+            assert np.isinf(found.rho_sigma_b[n])
+        else:
+            assert_allclose(found.rho_b[n], rho_b, rtol=1e-6)
+            assert_allclose(found.rho_sigma_b[n], found.rho_sigma_a[n])
+
+
+def uniform(flow=(0.0, 0.0), group=0):
+    return (FlowField(np.broadcast_to(np.array(flow, np.float32), (*SIZE, 2))),
+            np.full(SIZE, 0.5, np.float32), np.full(SIZE, 0.5, np.float32),
+            np.full(SIZE, group, np.uint8), np.full(SIZE, group, np.uint8))
+
+
+@pytest.mark.parametrize(("group", "cells"), [(0, 4 * 6), (3, 9 * 12), (NO_GROUP, 0)])
+def test_every_whole_cell_of_a_clean_image_counts(group, cells):
+    found = grid_matches(*uniform(group=group), CONFIG, NOISE)
+    assert len(found) == cells
+    assert_array_equal(found.group, group)
+
+
+def test_pixels_that_leave_their_object_do_not_count():
+    flow, rho_a, rho_b, group_a, group_b = uniform(group=1)
+    assert len(grid_matches(flow, rho_a, rho_b, group_a, np.zeros_like(group_b), CONFIG,
+                            NOISE)) == 0
+
+
+def test_a_depth_that_no_motion_explains_does_not_count():
+    flow, rho_a, rho_b, group_a, group_b = uniform()
+    found = grid_matches(flow, rho_a, rho_b * np.float32(1.3), group_a, group_b, CONFIG, NOISE)
+    assert len(found) == 0
+
+
+def test_flow_that_is_all_unknown_gives_no_matches():
+    rest = uniform()[1:]
+    for flow in (FlowField(np.full((*SIZE, 2), np.nan, np.float32)),
+                 FlowField(np.zeros((*SIZE, 2), np.float32), np.zeros(SIZE, bool)),
+                 FlowField(np.full((*SIZE, 2), 1e9, np.float32))):
+        assert len(grid_matches(flow, *rest, CONFIG, NOISE)) == 0
+
+
+def test_the_mean_of_noisy_flow_is_as_good_as_it_says():
+    rng = np.random.default_rng(1)
+    flow, *rest = uniform((0.3, -0.2))
+    noise = replace(NOISE, flow_sigma_px=0.5)
+    square = []
+    for _ in range(30):
+        noisy = FlowField(flow.flow_px + 0.5 * rng.normal(size=(*SIZE, 2)).astype(np.float32))
+        found = grid_matches(noisy, *rest, CONFIG, noise)
+        inner = (found.uv_a > 8).all(axis=1) & (found.uv_a < [40, 28]).all(axis=1)
+        error = (found.uv_b - found.uv_a - [0.3, -0.2])[inner]
+        square.append(error**2 / found.flow_cov[inner][:, [0, 1], [0, 1]])
+    assert np.mean(np.concatenate(square)) == pytest.approx(1.0, rel=0.1)
