@@ -22,8 +22,6 @@ class ObjectState:
     parked: bool = False             # judged not to move: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
     H_world: Array | None = None     # (4, 4) its last motion over one frame, for prediction
-    centroid_world: Array | None = None   # (3,) at the frame in which it was last seen
-    size_px: int = 0
 
 
 @dataclass(slots=True)
@@ -62,14 +60,17 @@ class ObjectTable:
                        if stamp_s - s.seen_s <= self.config.forget_s}
         return tracks
 
-    def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array,
-               centroid_world: Array) -> bool:
-        """Record a motion; whether the object counts as dynamic, also through a short stop."""
+    def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array | None) -> bool:
+        """Record a motion; whether the object counts as dynamic, also through a short stop.
+
+        Args:
+            H_world: (4, 4) its motion, or None where it is not to be trusted for prediction.
+        """
         state = self.states[track]
         moved_s = stamp_s if moving else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
-        self.states[track] = replace(state, parked=not dynamic, moved_s=moved_s, H_world=H_world,
-                                     centroid_world=centroid_world)
+        self.states[track] = replace(state, parked=not dynamic, moved_s=moved_s,
+                                     H_world=H_world)
         return dynamic
 
     def predicted_relative(self, track: int, T_world_previous: Array, dt_ratio: float) -> Array:

@@ -8,6 +8,8 @@ from slam.config import DynamicConfig
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
+_HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
+
 
 def moves(relative: Array, information_static: Array, information_object: Array, points_a: Array,
           dt_s: float, config: DynamicConfig, moved_before: bool = False) -> bool:
@@ -26,7 +28,10 @@ def moves(relative: Array, information_static: Array, information_object: Array,
         return False
     flow_m = se3.transform_points(relative, points_a) - points_a
     speed = np.linalg.norm(flow_m, axis=1) / dt_s
-    threshold = config.static_scene_flow_m_s * (0.25 if moved_before else 1.0)
+    threshold = (config.static_scene_flow_m_s
+                 + config.static_share_of_distance * points_a[:, 2] / dt_s)
+    if moved_before:
+        threshold *= _HYSTERESIS
     noise = _speed_sigma(information_static, points_a) + _speed_sigma(information_object, points_a)
     moving = speed > np.maximum(threshold, config.significance * noise / dt_s)
     return bool(np.mean(moving) > config.moving_share)

@@ -31,7 +31,7 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
     """
     valid = np.zeros((0, 0), np.bool_) if flow.valid is None else flow.valid
     arguments = (np.ascontiguousarray(flow.flow_px, dtype=np.float32), valid, rho_a, rho_b,
-                 group_a, group_b, config.max_depth_change)
+                 group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma)
     static, _ = _cell_sums(config.static_cell_px, True, *arguments)
     objects, group = _cell_sums(config.object_cell_px, False, *arguments)
     return join(_matches(static, np.zeros(len(static), np.int64), config.static_cell_px, GRID_KIND,
@@ -41,7 +41,8 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
 
 @numba.njit(cache=True)
 def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Array, rho_b: Array,
-               group_a: Array, group_b: Array, max_change: float) -> tuple[Array, Array]:
+               group_a: Array, group_b: Array, max_change: float,
+               max_noise: float) -> tuple[Array, Array]:
     """Sums over the usable pixels of each cell, and each cell's group.
 
     A cell belongs to the group of its middle pixel; cells of the static world, or all others.
@@ -73,7 +74,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                         continue
                     seen = rho_b[to_v, to_u]
                     if seen > 0.0:
-                        if abs(seen - rho_a[v, u]) > max_change * rho_a[v, u]:
+                        # Wide enough for the noise: a gate that cuts its tail biases the mean.
+                        if abs(seen - rho_a[v, u]) > max_change * rho_a[v, u] + max_noise:
                             continue
                         sums[used, 6] += 1.0
                         sums[used, 7] += seen

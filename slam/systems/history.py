@@ -70,8 +70,9 @@ class History:
             state = objects.states[track]
             is_moving = moves(found.relative, tracked.information, found.information,
                               found.points_a, dt_s, config, np.isfinite(state.moved_s))
-            if objects.judged(track, is_moving, frame.stamp_s, estimate.H_world,
-                              estimate.centroid_world):
+            trusted = found.rigidity >= config.trusted_rigidity
+            if objects.judged(track, is_moving, frame.stamp_s,
+                              estimate.H_world if trusted else None):
                 moving[track] = estimate
             else:
                 still.append(found.label)

@@ -249,8 +249,14 @@ class MotionStage:
             return _lost(f"{share:.0%} of the static matches follow one motion")
         objects = []
         for group, label in enumerate(labels_b, start=1):
-            if group not in why:
-                objects.append(self._object(group, label, own, good, chi, motions))
+            if group in why:
+                continue
+            members = own.group == group
+            share = float(np.mean(good[members])) if members.any() else 0.0
+            if share < self.config.dynamic.min_inlier_share:
+                why[group] = f"{share:.0%} of its matches follow one motion"
+                continue
+            objects.append(self._object(group, label, own, good, chi, motions))
         corners = slice(len(matched.grid), len(own))
         alive = np.flatnonzero(good[corners])
         lines_good = np.flatnonzero(motions.line_chi < self.config.motion.line_gate)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.config import SdplConfig
-from slam.dynamics.masks import associate, overlaps
+from slam.dynamics.masks import associate, flow_of_masks, overlaps
 from slam.dynamics.objects import ObjectTable
 from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
 from slam.frontend.observe import Observation, observe
@@ -75,16 +75,25 @@ class SdplSlam:
         frame = current.frame
         if frame.flow is not None and frame.index == previous.frame.index + 1:
             return frame.flow
-        expected = None
-        if self.config.flow.predict and self.history.has_motion:
-            T_a_b = self._expected_motion(frame)
-            T_b_a = se3.inverse(T_a_b)
-            moving = {s.label: T_b_a @ self.objects.predicted_relative(
-                          s.track, self.history.T_world_camera, 1.0)
-                      for s in self.objects.of_label(previous.frame.stamp_s).values()}
-            expected = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a,
-                                      moving, self.intrinsics)
+        expected = self._expected_flow(previous, current) if self.config.flow.predict else None
         return self.flow_estimator(previous.gray, current.gray, expected)
+
+    def _expected_flow(self, previous: Observation, current: Observation) -> Array:
+        """(H, W, 2) float32: what the motions so far lead to, and the masks of new things."""
+        T_b_a = se3.inverse(self._expected_motion(current.frame))
+        states = self.objects.of_label(previous.frame.stamp_s)
+        moving = {label: T_b_a @ self.objects.predicted_relative(
+                      s.track, self.history.T_world_camera, 1.0)
+                  for label, s in states.items() if s.H_world is not None and not s.parked}
+        flow = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a, moving,
+                              self.intrinsics)
+        index_a, index_b = previous.label_index, current.label_index
+        pairs = associate(overlaps(FlowField(flow), index_a, index_b), previous.labels,
+                          current.labels, self.config.dynamic.min_overlap)
+        unknown = {int(np.searchsorted(previous.labels, a)): int(np.searchsorted(current.labels, b))
+                   for b, a in pairs.items()
+                   if a not in moving and not (a in states and states[a].parked)}
+        return flow_of_masks(flow, index_a, index_b, unknown) if unknown else flow
 
     def _expected_motion(self, frame: Frame) -> Array:
         assert self.previous is not None

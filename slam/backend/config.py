@@ -1,0 +1,34 @@
+"""Settings of the back-end, complete with defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorConfig:
+    """Landmarks that are found again in each frame by the picture of their first one."""
+
+    static_count: int = 800
+    object_count: int = 200           # on each object
+    every: int = 5                    # frames between detections of new landmarks
+    misses: int = 3                   # frames in a row without a sighting that end a landmark
+    max_depth_change: float = 0.1     # relative: farther off, something else is seen there
+
+
+@dataclass(frozen=True, slots=True)
+class BundleConfig:
+    """Robust Levenberg-Marquardt over the camera's poses in a body and the body's landmarks."""
+
+    kernel_width: float = 3.0         # of Cauchy's kernel, in standard deviations
+    rounds: int = 2                   # renewals of the measured noise
+    iterations: int = 8               # Levenberg-Marquardt steps a round, at most
+    tolerance: float = 1e-5           # relative decrease of the objective that ends a round
+    min_sightings: int = 2            # fewer: a landmark ties nothing together
+    odometry_weight: float = 1.0      # of the tracker's steps, against what they claim
+
+
+@dataclass(frozen=True, slots=True)
+class BackendConfig:
+    anchors: AnchorConfig = field(default_factory=AnchorConfig)
+    bundle: BundleConfig = field(default_factory=BundleConfig)

@@ -1,0 +1,111 @@
+"""What was observed over a run, as the back-end takes it: struct of arrays, body by body.
+
+A body is the static world or a rigid object over one unbroken stretch of frames. Its landmarks
+stand still in its own frame, and the camera has a pose there: T_body_camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slam.geometry.arrays import Array, freeze_fields
+
+STATIC = 0         # the number of the static world among the bodies
+
+
+@dataclass(frozen=True, slots=True)
+class PointObservations:
+    """M sightings of point landmarks, each with noise of its own."""
+
+    landmark: Array      # (M,) int64
+    frame: Array         # (M,) int64: row in the run
+    uv_px: Array         # (M, 2)
+    covariance: Array    # (M, 2, 2) px²
+    rho: Array           # (M,) 1/m, inverse depth
+    rho_sigma: Array     # (M,) 1/m; inf where unknown
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, landmark=("M",), frame=("M",), uv_px=("M", 2),
+                      covariance=("M", 2, 2), rho=("M",), rho_sigma=("M",))
+
+    def __len__(self) -> int:
+        return len(self.landmark)
+
+
+@dataclass(frozen=True, slots=True)
+class PointLandmarks:
+    """P landmarks as they were first seen."""
+
+    number: Array        # (P,) int64, ascending
+    body: Array          # (P,) int64
+    xyz_body: Array      # (P, 3) m
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, number=("P",), body=("P",), xyz_body=("P", 3))
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+
+@dataclass(slots=True)
+class BodyRecord:
+    """The camera's path in one body's frame, as tracked; grows by a pose a frame."""
+
+    track: int                                               # object track; 0: static world
+    frames: list[int] = field(default_factory=list)          # rows in the run, ascending
+    poses: list[Array] = field(default_factory=list)         # (4, 4) T_body_camera
+    information: list[Array] = field(default_factory=list)   # (6, 6) of each step to a pose
+
+    def add(self, frame: int, T_body_camera: Array, information: Array) -> None:
+        """Append a pose; `information` is of the step from the pose before, 0 where unknown."""
+        self.frames.append(frame)
+        self.poses.append(T_body_camera)
+        self.information.append(information)
+
+
+@dataclass(slots=True)
+class MapRecord:
+    """All bodies, landmarks and sightings of a run; grows frame by frame."""
+
+    bodies: dict[int, BodyRecord] = field(default_factory=lambda: {STATIC: BodyRecord(0)})
+    _observations: list[PointObservations] = field(default_factory=list)
+    _landmarks: list[PointLandmarks] = field(default_factory=list)
+    _next_landmark: int = 0
+
+    def new_body(self, track: int) -> int:
+        """Begin a body for an object track; its number."""
+        number = max(self.bodies) + 1
+        self.bodies[number] = BodyRecord(track)
+        return number
+
+    def add_landmarks(self, body: Array, xyz_body: Array) -> Array:
+        """Give new landmarks their numbers (P,)."""
+        numbers = np.arange(self._next_landmark, self._next_landmark + len(body), dtype=np.int64)
+        self._next_landmark += len(body)
+        self._landmarks.append(PointLandmarks(numbers, body, xyz_body))
+        return numbers
+
+    def add_observations(self, observations: PointObservations) -> None:
+        self._observations.append(observations)
+
+    def landmarks(self) -> PointLandmarks:
+        """All landmarks so far."""
+        parts = self._landmarks or [PointLandmarks(np.zeros(0, np.int64), np.zeros(0, np.int64),
+                                                   np.zeros((0, 3)))]
+        return PointLandmarks(*(np.concatenate([getattr(p, name) for p in parts])
+                                for name in PointLandmarks.__slots__))
+
+    def observations(self) -> PointObservations:
+        """All sightings so far, by frame."""
+        parts = self._observations or [no_observations()]
+        return PointObservations(*(np.concatenate([getattr(p, name) for p in parts])
+                                   for name in PointObservations.__slots__))
+
+
+def no_observations() -> PointObservations:
+    """An empty set."""
+    none = np.zeros(0, np.int64)
+    return PointObservations(none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0),
+                             np.zeros(0))
