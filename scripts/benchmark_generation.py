@@ -17,11 +17,15 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-import mujoco
+from simbench.render import gl
 
-from simbench.render import gl, make_renderer
-from simbench.simulate import SimulatedSequence
-from simbench.world import make_world
+gl.choose_platform()   # mujoco.Renderer takes what stands when mujoco is first imported
+
+import mujoco  # noqa: E402
+
+from simbench.render import make_renderer  # noqa: E402
+from simbench.simulate import SimulatedSequence  # noqa: E402
+from simbench.world import make_world  # noqa: E402
 
 _BLOCK = 5
 

@@ -1,8 +1,9 @@
 """What becomes of frame i's surface points in frame j: seen, hidden or outside the image.
 
 Most points are visible beyond doubt: the four pixels of j around them show their own part, as one
-plane no nearer than the point. That errs only where something thinner than a pixel slips between
-the four. A ray decides all others.
+plane no nearer than the point. Most others are hidden beyond doubt: the four show something well
+before them. Both err only where something thinner than a pixel slips between the four. A ray
+decides what is left.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from simbench.truth.surface import TOLERANCE_RELATIVE, Surface
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
+_WELL = 2e-3       # and at least this share of the distance
 _STRIP_ROWS = 32   # worked on at a time: what lies between stays in the processor's cache
 
 
@@ -56,7 +58,10 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
         open_uvz.append(uvz.reshape(3, -1)[:, left_open])
     flow[~ahead] = 0.0
     pixel, uvz = np.concatenate(open_pixels), np.concatenate(open_uvz, axis=1).T
-    hidden.ravel()[pixel] = caster.hides(seen_j.truth, intrinsics)(uvz)
+    covered = _well_covered(uvz, seen_j)
+    asked = ~covered
+    covered[asked] = caster.hides(seen_j.truth, intrinsics)(uvz[asked])
+    hidden.ravel()[pixel] = covered
     return Followed(flow, ahead, inside, hidden)
 
 
@@ -78,3 +83,20 @@ def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> 
     visible &= u <= 1.0 + TOLERANCE_RELATIVE
     visible &= seen.cell_part.take(cell) == part
     return visible
+
+
+def _well_covered(uvz: Array, seen: Surface) -> Array:
+    """(N,) bool: the four pixels around a point show one part, well before it.
+
+    Well before: twice as far as the surface there reaches from its nearest to its farthest pixel.
+    """
+    height, width = seen.truth.depth_m.shape
+    u, v, z = uvz.T
+    certain = (np.minimum(u, v) >= 0.0) & (u < width - 1) & (v < height - 1)
+    u0, v0 = np.where(certain, (u, v), 0.0).astype(np.intp)
+    corners = v0 * width + u0 + np.array([0, 1, width, width + 1])[:, None]
+    part = seen.truth.part_id.ravel().take(corners)
+    certain &= np.all(part == part[0], axis=0)
+    inverse = seen.inverse_depth.take(corners).astype(np.float64)
+    farthest, nearest = inverse.min(axis=0), inverse.max(axis=0)
+    return certain & (farthest - 1.0 / z > 2.0 * (nearest - farthest) + _WELL / z)

@@ -65,11 +65,11 @@ def test_fates_agree_with_rays(case):
     frame_i, frame_j, flow, landing, stride = case
     hit = landing.part >= 0
     same_part = hit & (oracle.on_grid(frame_i.part_id, stride) == landing.part)
-    border = oracle.on_grid(oracle.near_steps(frame_i.depth_m, 2), stride)
+    border = oracle.on_grid(oracle.near_bends(frame_i.depth_m), stride)
     height, width = frame_j.depth_m.shape
     u, v = np.rint(oracle.pixels_of(frame_i, stride) + landing.flow_px).astype(int).T
     u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
-    border |= oracle.near_steps(frame_j.depth_m, 2)[v, u]
+    border |= oracle.near_bends(frame_j.depth_m)[v, u]
     border |= (u == 0) | (v == 0) | (u == width - 1) | (v == height - 1)
     for name, expected in (("occluded", landing.hidden), ("leaving", hit & ~landing.inside),
                            ("valid", landing.ahead)):
