@@ -80,7 +80,8 @@ class DynamicConfig:
     """Which things move (III-C), and how masks are followed."""
 
     static_scene_flow_m_s: float = 0.12   # slower things count as static, if they never moved
-    static_share_of_distance: float = 0.003   # per frame; errors of flow and depth grow with it
+    static_share_of_distance: float = 0.02   # per second; errors of flow and depth grow with it
+    parked_after_s: float = 0.3       # still for so long, a thing serves as a part of the world
     significance: float = 4.0         # standard deviations by which the motion must stand out
     moving_share: float = 0.3         # share of an object's points that must move
     stay_dynamic_s: float = 1.0       # a thing that moved stays dynamic through a short stop
@@ -107,7 +108,7 @@ class RefineConfig:
     """Sub-pixel alignment of the matches on the images."""
 
     use: Literal["auto", "always", "never"] = "auto"   # auto: where the system estimates the flow
-    enough: int = 40                  # aligned corners of one motion that do without the grid
+    enough: int = 12                  # aligned corners of one motion that do without the grid
     grid_sigma_px: float = 1.0        # what a cell of estimated flow is trusted elsewhere
 
 

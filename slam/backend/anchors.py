@@ -39,6 +39,9 @@ class _Anchors:
     uv_now: Array        # (N, 2) where it was last seen
     missed: Array        # (N,) frames in a row
 
+    def __len__(self) -> int:
+        return len(self.number)
+
     def take(self, index: Array) -> _Anchors:
         return _Anchors(*(getattr(self, f.name)[index] for f in fields(self)))
 
@@ -143,7 +146,7 @@ class AnchorTracker:
     def _detect(self, row: int, current: Observation, smooth: Array, groups: Array,
                 T_body_camera: Mapping[int, Array], bodies: Array, record: MapRecord) -> None:
         alive = self._alive
-        labels = np.where(groups == NO_GROUP, 255, groups).astype(np.int32)
+        labels = groups.astype(np.int32)
         wanted = self.config.static_count - int(np.count_nonzero(alive.body == STATIC))
         uv, _ = detect_points(current.gray, max(wanted, 0), labels, alive.uv_now, self.corners)
         slot = nearest(groups, uv)

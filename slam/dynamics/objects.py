@@ -19,7 +19,8 @@ class ObjectState:
     track: int
     label: int                       # mask label in the last frame in which it had one
     seen_s: float
-    parked: bool = False             # judged not to move: its features are static ones
+    first_s: float                   # when it was first seen
+    parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
     H_world: Array | None = None     # (4, 4) its last motion over one frame, for prediction
 
@@ -53,7 +54,7 @@ class ObjectTable:
             track = self.next_track if old is None else old.track
             if old is None:
                 self.next_track += 1
-                old = ObjectState(track, label, stamp_s)
+                old = ObjectState(track, label, stamp_s, stamp_s)
             self.states[track] = replace(old, label=label, seen_s=stamp_s)
             tracks[label] = track
         self.states = {t: s for t, s in self.states.items()
@@ -69,8 +70,10 @@ class ObjectTable:
         state = self.states[track]
         moved_s = stamp_s if moving else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
-        self.states[track] = replace(state, parked=not dynamic, moved_s=moved_s,
-                                     H_world=H_world)
+        still_s = stamp_s - max(state.first_s, moved_s)
+        self.states[track] = replace(
+            state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
+            H_world=H_world)
         return dynamic
 
     def predicted_relative(self, track: int, T_world_previous: Array, dt_ratio: float) -> Array:

@@ -28,8 +28,7 @@ def moves(relative: Array, information_static: Array, information_object: Array,
         return False
     flow_m = se3.transform_points(relative, points_a) - points_a
     speed = np.linalg.norm(flow_m, axis=1) / dt_s
-    threshold = (config.static_scene_flow_m_s
-                 + config.static_share_of_distance * points_a[:, 2] / dt_s)
+    threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points_a[:, 2]
     if moved_before:
         threshold *= _HYSTERESIS
     noise = _speed_sigma(information_static, points_a) + _speed_sigma(information_object, points_a)

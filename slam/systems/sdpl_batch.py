@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -45,7 +46,7 @@ class SdplBatch:
         self._anchors = AnchorTracker(intrinsics, self.backend.anchors,
                                       self.tracker.config.noise)
         self._row = -1
-        self._last_good = -1
+        self._last_good, self._last_pose = -1, np.eye(4)
         self._body_of_track: dict[int, int] = {}      # of the objects that moved last
 
     def process(self, frame: Frame) -> FrameEstimate:
@@ -59,7 +60,7 @@ class SdplBatch:
             return estimate
         self._record(estimate)
         timings = dict(estimate.timings_ms) | {"anchors": 1e3 * (perf_counter() - start)}
-        return self.tracker.history.amend(_with_timings(estimate, timings))
+        return self.tracker.history.amend(replace(estimate, timings_ms=timings))
 
     def finish(self) -> SlamResult:
         """The run after the global batch."""
@@ -98,8 +99,3 @@ class SdplBatch:
         self.record.bodies[body].add(self._last_good, se3.inverse(L) @ self._last_pose,
                                      np.zeros((6, 6)))
         return body
-
-
-def _with_timings(estimate: FrameEstimate, timings: dict[str, float]) -> FrameEstimate:
-    from dataclasses import replace
-    return replace(estimate, timings_ms=timings)

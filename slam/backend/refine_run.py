@@ -1,0 +1,113 @@
+"""The global batch: every body of a run refined, and the run's result made of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from slam.backend.bundle import BodyPath, BundleResult, bundle
+from slam.backend.config import BundleConfig
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.map import STATIC, BodyRecord, MapRecord, PointLandmarks, PointObservations
+from slam.types import Intrinsics, ObjectTrack, SlamResult
+
+
+def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
+               config: BundleConfig) -> SlamResult:
+    """The run's result with poses and object motions after the batch.
+
+    Args:
+        tracked: the result as tracked, over the same rows.
+    """
+    start = perf_counter()
+    landmarks, sightings = record.landmarks(), filled_in(record.observations())
+    bodies = {number: refine_body(body, number, landmarks, sightings, camera, config)
+              for number, body in record.bodies.items() if len(body.frames) > 1}
+    if STATIC not in bodies:
+        return tracked
+    X = _camera_path(tracked.T_world_camera, record.bodies[STATIC].frames,
+                     bodies[STATIC].T_body_camera)
+    objects = dict(tracked.objects)
+    for number, refined in bodies.items():
+        if number != STATIC:
+            body = record.bodies[number]
+            objects[body.track] = _with_motions(objects[body.track], body, refined.T_body_camera,
+                                                X, tracked.T_world_camera)
+    timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
+    return replace(tracked, T_world_camera=X, objects=objects,
+                   points_world=bodies[STATIC].xyz_body, timings_ms=timings)
+
+
+def filled_in(sightings: PointObservations) -> PointObservations:
+    """Sightings sorted by landmark and frame, the first ones with the noise of the later ones.
+
+    Those that are not finite, and landmarks seen once, are left out.
+    """
+    order = np.lexsort((sightings.frame, sightings.landmark))
+    s = _take(sightings, order)
+    size = int(s.landmark.max(initial=-1)) + 1
+    later = np.flatnonzero(np.isfinite(s.covariance).all(axis=(1, 2)))
+    count = np.bincount(s.landmark[later], minlength=size)
+    covariance = np.array(s.covariance)
+    first = np.flatnonzero(~np.isfinite(covariance).all(axis=(1, 2)) & (count[s.landmark] > 0))
+    for i in range(2):
+        for j in range(2):
+            mean = np.bincount(s.landmark[later], covariance[later, i, j], size
+                               ) / np.maximum(count, 1)
+            covariance[first, i, j] = mean[s.landmark[first]]
+    known = s.rho_sigma < np.inf
+    s = replace(s, covariance=covariance, rho=np.where(known, s.rho, 0.0))
+    finite = (np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(s.uv_px).all(axis=1)
+              & np.isfinite(s.rho))
+    return _take(s, np.flatnonzero(finite))
+
+
+def refine_body(body: BodyRecord, number: int, landmarks: PointLandmarks,
+                sightings: PointObservations, camera: Intrinsics,
+                config: BundleConfig) -> BundleResult:
+    """One body's bundle adjustment."""
+    row_of = np.full(max(body.frames) + 1, -1)
+    row_of[body.frames] = np.arange(len(body.frames))
+    inside = sightings.frame < len(row_of)
+    own = inside & (landmarks.body[sightings.landmark] == number)
+    own[own] = row_of[sightings.frame[own]] >= 0
+    count = np.bincount(sightings.landmark[own], minlength=len(landmarks))
+    own &= count[sightings.landmark] >= config.min_sightings
+    s = _take(sightings, np.flatnonzero(own))
+    used, landmark = np.unique(s.landmark, return_inverse=True)
+    s = replace(s, landmark=landmark, frame=row_of[s.frame])
+    path = BodyPath(np.array(body.poses), np.array(body.information))
+    return bundle(path, landmarks.xyz_body[used], s, camera, config)
+
+
+def _take(s: PointObservations, index: Array) -> PointObservations:
+    return PointObservations(*(getattr(s, name)[index] for name in PointObservations.__slots__))
+
+
+def _camera_path(tracked: Array, frames: list[int], refined: Array) -> Array:
+    """All poses (K, 4, 4): refined ones, and those of lost frames relative to the last refined."""
+    last = np.maximum.accumulate(np.where(np.isin(np.arange(len(tracked)), frames),
+                                          np.arange(len(tracked)), 0))
+    X = np.array(tracked)
+    X[frames] = refined
+    return np.asarray(X[last] @ se3.inverse(tracked[last]) @ tracked)
+
+
+def _with_motions(track: ObjectTrack, body: BodyRecord, Y: Array, X: Array,
+                  X_tracked: Array) -> ObjectTrack:
+    """The track with one body's motions H_k = L_k L_{k−1}⁻¹, L = X Y⁻¹."""
+    rows = np.array(body.frames)
+    L = X[rows] @ se3.inverse(Y)
+    H = se3.orthonormalised(L[1:] @ se3.inverse(L[:-1]))
+    carried = X[rows[:-1]] @ se3.inverse(X_tracked[rows[:-1]])
+    H_world, centroid = np.array(track.H_world), np.array(track.centroid_world)
+    place = {int(frame): i for i, frame in enumerate(track.frames)}
+    for i, row in enumerate(rows[1:]):
+        at = place.get(int(row))
+        if at is not None:
+            H_world[at] = H[i]
+            centroid[at] = se3.transform_points(carried[i], centroid[at][None])[0]
+    return replace(track, H_world=H_world, centroid_world=centroid)
