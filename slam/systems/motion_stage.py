@@ -9,10 +9,17 @@ import numpy as np
 
 from slam.config import NoiseConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
+from slam.dynamics.scene_flow import moves
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.flow import predicted_flow
-from slam.frontend.follow import align_points, align_segments, follow_points, follow_segments
+from slam.frontend.follow import (
+    REFINED_KIND,
+    align_points,
+    align_segments,
+    follow_points,
+    follow_segments,
+)
 from slam.frontend.grid import GRID_KIND, OBJECT_GRID_KIND, grid_matches
 from slam.frontend.observe import NO_GROUP, Observation
 from slam.frontend.refine import RefineConfig as AlignConfig
@@ -112,13 +119,13 @@ class MotionStage:
             relative = (np.eye(4) if known is None
                         else objects.predicted_relative(known.track, T_world_a, 1.0))
             expected.append(se3.inverse(relative) @ T_a_b_expected)
-        starts, why = self._starts(matched, expected)
+        starts, why = self._starts(matched, expected, parked)
         clock.lap("start")
         if 0 in why:
             return _lost(why[0])
         matched = _without(matched, np.array(sorted(why), dtype=np.int64))
-        T, motions, matched = self._solve(a, b, matched, starts, parked, image_flow, clock)
-        return self._tracked(matched, motions, labels_b, why, parked)
+        motions, matched, parked = self._solve(a, b, matched, starts, parked, image_flow, clock)
+        return self._tracked(matched, motions, labels_b, why, parked, image_flow)
 
     def _match(self, a: Observation, b: Observation, flow: FlowField, group_of_a: dict[int, int],
                group_b: Array, features: FeatureTracker, image_flow: bool) -> _Matched:
@@ -139,7 +146,8 @@ class MotionStage:
                 labels_a, group_b, noise)
         return _Matched(grid, corners, slopes, corner_index, lines, line_index)
 
-    def _starts(self, matched: _Matched, expected: list[Array]) -> tuple[Array, dict[int, str]]:
+    def _starts(self, matched: _Matched, expected: list[Array],
+                parked: Array) -> tuple[Array, dict[int, str]]:
         """Where each group's refinement starts, and the groups that have too little to start."""
         points = join(matched.grid, matched.corners)
         why: dict[int, str] = {}
@@ -147,6 +155,8 @@ class MotionStage:
         for group, T_expected in enumerate(expected):
             own = take(points, np.flatnonzero(points.group == group))
             needed = self.config.start.min_points if group == 0 else self.config.dynamic.min_matches
+            if group == 0 and len(own) < needed:   # then what is parked is all there is
+                own = take(points, np.isin(points.group, [0, *parked]))
             if len(own) < needed:
                 why[group] = f"{len(own)} matches, {needed} are needed"
                 continue
@@ -161,19 +171,46 @@ class MotionStage:
 
     def _solve(self, a: Observation, b: Observation, matched: _Matched, starts: Array,
                parked: Array, image_flow: bool, clock: Stopwatch
-               ) -> tuple[Array, Motions, _Matched]:
+               ) -> tuple[Motions, _Matched, Array]:
+        """The motions, the matches they rest on, and the parked groups that went on standing."""
         config = self.config
         align = config.refine.use == "always" or (config.refine.use == "auto" and image_flow)
-        if align:
+        if align or len(parked):
             first = replace(config.motion, rounds=1)
-            rough = self._refine(matched, starts, parked, first, remember=False)
-            clock.lap("motion")
-            matched = self._aligned(a, b, matched, rough.T_a_b, image_flow)
+            rough = self._refine(matched, starts, parked[:0], first, remember=False)
+            parked = self._standing(matched, rough, parked, b.frame.stamp_s - a.frame.stamp_s)
             starts = rough.T_a_b
+            clock.lap("motion")
+        if align:
+            matched = self._aligned(a, b, matched, starts, image_flow)
             clock.lap("align")
         motions = self._refine(matched, starts, parked, config.motion, remember=True)
         clock.lap("motion")
-        return motions.T_a_b, motions, matched
+        return motions, matched, parked
+
+    def _standing(self, matched: _Matched, rough: Motions, parked: Array, dt_s: float) -> Array:
+        """The parked groups that go on standing, by motions that they had no share in.
+
+        A thing that sets off would else pull the camera along, and then seem to stand.
+        """
+        every = join(matched.grid, matched.corners)
+        standing = []
+        for group in parked:
+            relative = rough.T_a_b[0] @ se3.inverse(rough.T_a_b[group])
+            points = self._points_a(take(every, every.group == group))
+            if not moves(relative, rough.information[0], rough.information[group], points,
+                         max(dt_s, 1e-6), self.config.dynamic):
+                standing.append(group)
+        return np.array(standing, dtype=np.int64)
+
+    def _points_a(self, matches: PointMatches) -> Array:
+        """(N, 3) m, in camera a."""
+        return np.asarray(pinhole.back_project(self.intrinsics, matches.uv_a,
+                                               1.0 / np.maximum(matches.rho_a, 1e-6)))
+
+    def _aligns(self, image_flow: bool) -> bool:
+        use = self.config.refine.use
+        return use == "always" or (use == "auto" and image_flow)
 
     def _refine(self, matched: _Matched, starts: Array, parked: Array, config, remember: bool  # type: ignore[no-untyped-def]
                 ) -> Motions:
@@ -238,12 +275,12 @@ class MotionStage:
         return smooth
 
     def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],
-                 why: dict[int, str], parked: Array) -> Tracked:
+                 why: dict[int, str], parked: Array, image_flow: bool) -> Tracked:
         gate = self.config.motion.point_gate
         own = join(matched.grid, matched.corners)
         chi = motions.point_chi[: len(own)]
         good = chi < gate
-        static = own.group == 0
+        static = np.isin(own.group, [0, *parked])
         share = float(np.mean(good[static])) if static.any() else 0.0
         if share < self.config.start.min_inlier_share:
             return _lost(f"{share:.0%} of the static matches follow one motion")
@@ -255,6 +292,10 @@ class MotionStage:
             share = float(np.mean(good[members])) if members.any() else 0.0
             if share < self.config.dynamic.min_inlier_share:
                 why[group] = f"{share:.0%} of its matches follow one motion"
+                continue
+            aligned = int(np.count_nonzero(members & good & (own.kind == REFINED_KIND)))
+            if image_flow and self._aligns(image_flow) and aligned < self.config.dynamic.min_matches:
+                why[group] = f"{aligned} of its corners could be aligned"
                 continue
             objects.append(self._object(group, label, own, good, chi, motions))
         corners = slice(len(matched.grid), len(own))
@@ -271,8 +312,7 @@ class MotionStage:
     def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
                 motions: Motions) -> ObjectMotion:
         members = np.flatnonzero(own.group == group)
-        points = pinhole.back_project(self.intrinsics, own.uv_a[members],
-                                      1.0 / np.maximum(own.rho_a[members], 1e-6))
+        points = self._points_a(take(own, members))
         # Against the static world's noise: an object that bends is not excused by its own.
         excess = motions.flow_scale[group, OBJECT_GRID_KIND] / self.scales.flow[OBJECT_GRID_KIND]
         rigid = chi[members] * max(1.0, float(excess)) < self.config.motion.point_gate
