@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from slam.geometry.arrays import Array
 from slam.types import FlowField
 
 _STEP_PX = 3     # a mask is sampled at every third pixel
+_SEARCH_PX = 20  # to each side of where a thing is expected, at the scale of the search
+_MIN_TEMPLATE_PX = 60
+_MAX_TEMPLATE_PX = 4000
 
 
 def overlaps(flow: FlowField, index_a: Array, index_b: Array) -> Array:
@@ -56,45 +60,56 @@ def associate(votes: Array, labels_a: Array, labels_b: Array, min_share: float) 
     return pairs
 
 
-def place_and_size(index: Array) -> tuple[Array, Array, Array]:
-    """Centroid (256, 2) px and area (256,) px of each mask, and whether it touches the border.
+def flow_of_masks(flow_px: Array, index_a: Array, masks: Array, gray_a: Array,
+                  gray_b: Array) -> Array:
+    """The flow with the pixels of some masks moved as a whole, to where their picture is found.
+
+    It brings an object whose motion is not known yet within reach of the flow estimator.
 
     Args:
-        index: (H, W) uint8 compact labels.
-    """
-    step = 2
-    sampled = index[::step, ::step]
-    rows, columns = np.nonzero(sampled)
-    label = sampled[rows, columns]
-    area = np.bincount(label, minlength=256).astype(np.float64)
-    centroid = np.stack([np.bincount(label, weights=columns, minlength=256),
-                         np.bincount(label, weights=rows, minlength=256)], axis=1)
-    touches = np.zeros(256, bool)
-    for edge in (index[0], index[-1], index[:, 0], index[:, -1]):
-        touches[edge] = True
-    return step * centroid / np.maximum(area, 1.0)[:, None], step * step * area, touches
-
-
-def flow_of_masks(flow_px: Array, index_a: Array, index_b: Array,
-                  successors: dict[int, int]) -> Array:
-    """The flow with the pixels of some masks moved as their masks do: shifted and scaled.
-
-    It brings an object whose motion is not known yet within reach of the flow estimator. A mask
-    that touches the border or changes its size by half is left as it is.
-
-    Args:
-        flow_px: (H, W, 2) float32 flow expected otherwise.
-        successors: index in a -> index in b.
+        flow_px: (H, W, 2) float32 flow expected otherwise; each search is centred on it.
+        index_a: (H, W) uint8 compact labels.
+        masks: (M,) indices of the masks to move.
+        gray_a, gray_b: (H, W) uint8.
     """
     out = flow_px.copy()
-    centroid_a, area_a, border_a = place_and_size(index_a)
-    centroid_b, area_b, border_b = place_and_size(index_b)
-    for i, j in successors.items():
-        ratio = area_b[j] / max(area_a[i], 1.0)
-        if border_a[i] or border_b[j] or not 0.5 < ratio < 2.0:
+    for index in masks:
+        mask = index_a == index
+        rows, columns = np.nonzero(mask)
+        if len(rows) < _MIN_TEMPLATE_PX:
             continue
-        rows, columns = np.nonzero(index_a == i)
-        scale = np.sqrt(ratio)
-        out[rows, columns, 0] = centroid_b[j, 0] + scale * (columns - centroid_a[i, 0]) - columns
-        out[rows, columns, 1] = centroid_b[j, 1] + scale * (rows - centroid_a[i, 1]) - rows
+        expected = np.median(flow_px[rows, columns], axis=0)
+        top, bottom = rows.min(), rows.max() + 1
+        left, right = columns.min(), columns.max() + 1
+        shift = _template_shift(gray_a[top:bottom, left:right], mask[top:bottom, left:right],
+                                gray_b, left, top, np.rint(expected).astype(int))
+        if shift is not None:
+            out[rows, columns] = shift
     return out
+
+
+def _template_shift(template: Array, mask: Array, gray_b: Array, left: int, top: int,
+                    expected: Array) -> Array | None:
+    """Shift (2,) px by which the masked template fits the other image best; None off the image.
+
+    Large templates are searched on images of half the size, again and again.
+    """
+    if mask.sum() > _MAX_TEMPLATE_PX:
+        half = [cv2.resize(x, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+                for x in (template, gray_b)]
+        small_mask = cv2.resize(mask.astype(np.uint8), half[0].shape[::-1],
+                                interpolation=cv2.INTER_NEAREST).astype(bool)
+        found = _template_shift(half[0], small_mask, half[1], left // 2, top // 2, expected // 2)
+        return None if found is None else 2.0 * found
+    height, width = template.shape
+    column, row = left + expected[0] - _SEARCH_PX, top + expected[1] - _SEARCH_PX
+    padded = cv2.copyMakeBorder(gray_b, *(4 * [_SEARCH_PX + max(height, width)]),
+                                cv2.BORDER_REPLICATE)
+    offset = _SEARCH_PX + max(height, width)
+    region = padded[max(row + offset, 0):row + offset + height + 2 * _SEARCH_PX,
+                    max(column + offset, 0):column + offset + width + 2 * _SEARCH_PX]
+    if region.shape[0] < height or region.shape[1] < width or row + offset < 0 or column + offset < 0:
+        return None
+    cost = cv2.matchTemplate(region, template, cv2.TM_SQDIFF, mask=mask.astype(np.uint8))
+    _, _, best, _ = cv2.minMaxLoc(cost)
+    return expected + np.array(best, dtype=np.float64) - _SEARCH_PX

@@ -87,13 +87,10 @@ class SdplSlam:
                   for label, s in states.items() if s.H_world is not None and not s.parked}
         flow = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a, moving,
                               self.intrinsics)
-        index_a, index_b = previous.label_index, current.label_index
-        pairs = associate(overlaps(FlowField(flow), index_a, index_b), previous.labels,
-                          current.labels, self.config.dynamic.min_overlap)
-        unknown = {int(np.searchsorted(previous.labels, a)): int(np.searchsorted(current.labels, b))
-                   for b, a in pairs.items()
-                   if a not in moving and not (a in states and states[a].parked)}
-        return flow_of_masks(flow, index_a, index_b, unknown) if unknown else flow
+        unknown = [i for i, label in enumerate(previous.labels) if i > 0 and label not in moving
+                   and not (label in states and states[label].parked)]
+        return flow_of_masks(flow, previous.label_index, np.array(unknown, dtype=np.int64),
+                             previous.gray, current.gray) if unknown else flow
 
     def _expected_motion(self, frame: Frame) -> Array:
         assert self.previous is not None
