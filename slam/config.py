@@ -85,7 +85,7 @@ class DynamicConfig:
     significance: float = 4.0         # standard deviations by which the motion must stand out
     moving_share: float = 0.3         # share of an object's points that must move
     stay_dynamic_s: float = 1.0       # a thing that moved stays dynamic through a short stop
-    min_matches: int = 12             # fewer matches on an object: its motion is not estimated
+    min_matches: int = 8              # fewer matches on an object: its motion is not estimated
     min_inlier_share: float = 0.25    # of its matches; below it nothing moves as one body
     trusted_rigidity: float = 0.5     # only motions above it predict the next frame
     min_overlap: float = 0.3          # share of a mask that the flow must carry to its successor

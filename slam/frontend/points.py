@@ -15,11 +15,11 @@ class PointConfig:
     """Where new points may stand."""
 
     static_cell_px: int = 16          # one point per cell: 1,200 cells at 640×480
-    object_cell_px: int = 7           # finer, so that a small object carries enough points
+    object_cell_px: int = 5           # finer, so that a small object carries enough points
     object_count: int = 400           # most new points on one object and frame
-    mask_margin_px: int = 3           # a 2×2 flow or depth lookup and mask errors of 1–2 px
+    mask_margin_px: int = 2           # a 2×2 flow or depth lookup and mask errors of 1–2 px
     border_margin_px: int = 8         # the refinement's patch and its moves stay in the image
-    track_margin_px: int = 5          # distance of a new point to living tracks
+    track_margin_px: int = 4          # distance of a new point to living tracks
     block_px: int = 5                 # window of the corner's structure tensor
     min_eigenvalue: float = 0.1       # (grey/px)²; weak patches say so in their covariance
 

@@ -21,13 +21,15 @@ from slam.types import (
     Status,
 )
 
+_LONGEST_S = 1.0     # over a longer time nothing keeps its velocity
+
 
 class History:
     """All estimates in order; the world is the first camera's frame."""
 
     def __init__(self) -> None:
         self.estimates: list[FrameEstimate] = []
-        self.T_world_camera: Array = np.eye(4)     # of the last frame that was not lost
+        self.T_world_camera: Array = np.eye(4)     # where tracking goes on from
         self.lost_in_a_row = 0
         self._velocity: Array | None = None        # (6,) per second
 
@@ -36,8 +38,10 @@ class History:
         return self._velocity is not None
 
     def expected_motion(self, dt_s: float) -> Array:
-        """T_a_b (4, 4) at constant velocity over a time."""
-        return np.eye(4) if self._velocity is None else np.asarray(se3.exp(self._velocity * dt_s))
+        """T_a_b (4, 4) at constant velocity over a time, a second at most."""
+        if self._velocity is None:
+            return np.eye(4)
+        return np.asarray(se3.exp(self._velocity * min(max(dt_s, 0.0), _LONGEST_S)))
 
     def add(self, estimate: FrameEstimate) -> FrameEstimate:
         self.estimates.append(estimate)
@@ -76,7 +80,8 @@ class History:
                 moving[track] = estimate
             else:
                 still.append(found.label)
-        self._velocity = se3.log(tracked.T_a_b) / dt_s
+        if frame.stamp_s > before.stamp_s:       # broken stamps tell no velocity
+            self._velocity = se3.log(tracked.T_a_b) / dt_s
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
         left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)
         last = self.estimates[-1].T_world_camera

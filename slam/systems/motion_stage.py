@@ -174,16 +174,16 @@ class MotionStage:
                ) -> tuple[Motions, _Matched, Array]:
         """The motions, the matches they rest on, and the parked groups that went on standing."""
         config = self.config
-        align = config.refine.use == "always" or (config.refine.use == "auto" and image_flow)
+        align = self._aligns(image_flow)
         if align or len(parked):
             first = replace(config.motion, rounds=1)
             rough = self._refine(matched, starts, parked[:0], first, remember=False)
             parked = self._standing(matched, rough, parked, b.frame.stamp_s - a.frame.stamp_s)
             starts = rough.T_a_b
             clock.lap("motion")
-        if align:
-            matched = self._aligned(a, b, matched, starts, image_flow)
-            clock.lap("align")
+            if align:
+                matched = self._aligned(a, b, matched, rough, image_flow)
+                clock.lap("align")
         motions = self._refine(matched, starts, parked, config.motion, remember=True)
         clock.lap("motion")
         return motions, matched, parked
@@ -228,13 +228,16 @@ class MotionStage:
                 keep * self.scales.depth + (1 - keep) * motions.depth_scale)
         return motions
 
-    def _aligned(self, a: Observation, b: Observation, matched: _Matched, T_a_b: Array,
+    def _aligned(self, a: Observation, b: Observation, matched: _Matched, rough: Motions,
                  image_flow: bool) -> _Matched:
         smooth_a, smooth_b = self._smoothed(a), self._smoothed(b)
-        T_b_a = se3.inverse(T_a_b)
+        T_b_a = se3.inverse(rough.T_a_b)
         corners = matched.corners
         expected, warps = self._carried(corners.uv_a, corners.rho_a, matched.slopes,
                                         T_b_a[corners.group])
+        # A rotation that is hardly known would deform the patches at random.
+        belief = _belief_in_rotation(rough.information)[corners.group, None, None]
+        warps = np.eye(2) + belief * (warps - np.eye(2))
         surface = surface_image(a.frame.depth_m, a.label_index)
         aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b, surface, b,
                                       self.config.noise, self._align)
@@ -249,7 +252,7 @@ class MotionStage:
         if image_flow:
             # Errors of estimated flow are alike over many cells: where aligned corners are
             # enough, cells would only pull.
-            enough = np.bincount(aligned.group, minlength=len(T_a_b)) >= self.config.refine.enough
+            enough = np.bincount(aligned.group, minlength=len(T_b_a)) >= self.config.refine.enough
             grid = take(grid, ~enough[grid.group])
         return _Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
                         lines, line_index)
@@ -319,6 +322,13 @@ class MotionStage:
         return ObjectMotion(label, motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
                             motions.information[group], points[good[members]],
                             float(np.mean(rigid)), int(np.count_nonzero(good[members])))
+
+
+def _belief_in_rotation(information: Array) -> Array:
+    """(G,) between 0 and 1: how small a rotation's uncertainty is against 0.02 rad."""
+    regular = information + np.eye(6) * 1e-6
+    variance = np.trace(np.linalg.inv(regular)[:, :3, :3], axis1=1, axis2=2)
+    return np.asarray(1.0 / (1.0 + variance / 0.02**2))
 
 
 def _groups_of(labels: Array, group_of_label: dict[int, int]) -> Array:

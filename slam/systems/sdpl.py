@@ -41,6 +41,8 @@ class SdplSlam:
         clock.lap("observe")
         if self.previous is None:
             return self._begin(current, clock)
+        if not current.rho.any():
+            return self._lost(current, "no depth in this frame", clock)
         flow = self._flow(self.previous, current)
         clock.lap("flow")
         pairs = associate(overlaps(flow, self.previous.label_index, current.label_index),
@@ -59,16 +61,19 @@ class SdplSlam:
 
     def _begin(self, current: Observation, clock: Stopwatch) -> FrameEstimate:
         frame = current.frame
-        self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf, frame.stamp_s)
-        self.features.restart(current)
+        self._take_as_reference(current)
         clock.lap("detect")
-        self.previous = current
         return self.history.add(FrameEstimate(
             frame.index, frame.stamp_s, self.history.T_world_camera, np.eye(4),
-            status=Status.FIRST if not self.history.estimates else Status.LOST,
-            reason="" if not self.history.estimates else "tracking starts again here",
-            points=self.features.points, segments=self.features.segments,
+            status=Status.FIRST, points=self.features.points, segments=self.features.segments,
             timings_ms=clock.laps_ms()))
+
+    def _take_as_reference(self, current: Observation) -> None:
+        """Track from this frame on, with nothing carried over but the objects' numbers."""
+        self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf,
+                             current.frame.stamp_s)
+        self.features.restart(current)
+        self.previous = current
 
     def _flow(self, previous: Observation, current: Observation) -> FlowField:
         """The flow given with the frame, or our own, from the motion expected."""
@@ -100,8 +105,11 @@ class SdplSlam:
         """Predict the pose, and go on from the last good frame as long as it can be seen."""
         frame = current.frame
         estimate = self.history.add_lost(frame, reason, clock.laps_ms())
-        if self.history.lost_in_a_row >= self.config.start.give_up_after:
-            self.previous = None
+        # A frame that nothing was ever tracked from may itself be the one that is bad.
+        if (self.history.lost_in_a_row >= self.config.start.give_up_after
+                or not self.history.has_motion):
+            self.history.T_world_camera = estimate.T_world_camera
+            self._take_as_reference(current)
         return estimate
 
     def _keep(self, current: Observation, pairs: dict[int, int], tracked: Tracked,
