@@ -126,7 +126,7 @@ class _Problem:
     def _points(self, T: Array, xyz: Array, into: tuple[Array, Array, Array]
                 ) -> tuple[float, Array]:
         scales = 1.0 / np.sqrt([self.uv_scale2, self.uv_scale2, self.uv_scale2, self.rho_scale2])
-        return linearise(T, xyz, self.pose, self.landmark, self.uv, self.rho,   # type: ignore[no-any-return]
+        return linearise(T, xyz, self.pose, self.landmark, self.uv, self.rho, 
                          self.whitening * scales, self.camera, self.config.kernel_width, *into)
 
     def objective(self, T: Array, xyz: Array) -> tuple[float, Array]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky_banded, cho_solve_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from threadpoolctl import threadpool_limits
 
 from slam.factors import landmark_row
@@ -74,51 +74,51 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, damping, S, g, inverse, gradient):
     longest = 0
     for p in range(len(start) - 1):
         longest = max(longest, start[p + 1] - start[p])
-    W, A = np.empty((longest, 6, 3)), np.empty((6, 3))
+    W, A = np.empty((longest, 3, 6)), np.empty((3, 6))
     for p in range(len(start) - 1):
         first, last = start[p], start[p + 1]
-        C = np.zeros((3, 3))
-        b = np.zeros(3)
+        _own_block(Vw[first:last], rw[first:last], damping, inverse[p], gradient[p])
         for i in range(first, last):
-            for row in range(3):
-                for a in range(3):
-                    b[a] += Vw[i, row, a] * rw[i, row]
-                    for c in range(3):
-                        C[a, c] += Vw[i, row, a] * Vw[i, row, c]
-            for a in range(6):
-                for c in range(3):
-                    total = 0.0
-                    for row in range(3):
-                        total += Jw[i, row, a] * Vw[i, row, c]
-                    W[i - first, a, c] = total
-        trace = C[0, 0] + C[1, 1] + C[2, 2]
-        for a in range(3):
-            C[a, a] += damping * C[a, a] + 1e-12 * trace + 1e-30
-        _invert(C, inverse[p])
-        gradient[p] = b
+            for c in range(3):
+                for a in range(6):
+                    W[i - first, c, a] = (Vw[i, 0, c] * Jw[i, 0, a] + Vw[i, 1, c] * Jw[i, 1, a]
+                                          + Vw[i, 2, c] * Jw[i, 2, a])
         for i in range(first, last):
             k = pose[i]
-            for a in range(6):
-                for c in range(3):
-                    A[a, c] = (W[i - first, a, 0] * inverse[p, 0, c]
-                               + W[i - first, a, 1] * inverse[p, 1, c]
-                               + W[i - first, a, 2] * inverse[p, 2, c])
-                total = 0.0
-                for row in range(3):
-                    total += Jw[i, row, a] * rw[i, row] - A[a, row] * b[row]
-                g[k, a] += total
-                for c in range(6):
-                    total = 0.0
-                    for row in range(3):
-                        total += Jw[i, row, a] * Jw[i, row, c]
-                    S[k, 0, a, c] += total
-            for j in range(i, last):
-                block = S[k, pose[j] - k]
+            own = S[k, 0]
+            for c in range(3):
                 for a in range(6):
+                    A[c, a] = (W[i - first, 0, a] * inverse[p, 0, c]
+                               + W[i - first, 1, a] * inverse[p, 1, c]
+                               + W[i - first, 2, a] * inverse[p, 2, c])
+            for row in range(3):
+                for a in range(6):
+                    g[k, a] += Jw[i, row, a] * rw[i, row] - A[row, a] * gradient[p, row]
                     for c in range(6):
-                        block[a, c] -= (A[a, 0] * W[j - first, c, 0]
-                                        + A[a, 1] * W[j - first, c, 1]
-                                        + A[a, 2] * W[j - first, c, 2])
+                        own[a, c] += Jw[i, row, a] * Jw[i, row, c]
+            for j in range(i, last):
+                block, other = S[k, pose[j] - k], W[j - first]
+                for a in range(6):
+                    a0, a1, a2 = A[0, a], A[1, a], A[2, a]
+                    for c in range(6):           # innermost and contiguous: it vectorises
+                        block[a, c] -= a0 * other[0, c] + a1 * other[1, c] + a2 * other[2, c]
+
+
+@numba.njit(cache=True)
+def _own_block(V, r, damping, inverse, gradient):  # type: ignore[no-untyped-def]
+    """Inverse of the damped 3×3 block of one landmark, and its gradient."""
+    C = np.zeros((3, 3))
+    gradient[:] = 0.0
+    for i in range(len(V)):
+        for row in range(3):
+            for a in range(3):
+                gradient[a] += V[i, row, a] * r[i, row]
+                for c in range(3):
+                    C[a, c] += V[i, row, a] * V[i, row, c]
+    trace = C[0, 0] + C[1, 1] + C[2, 2]
+    for a in range(3):
+        C[a, a] += damping * C[a, a] + 1e-12 * trace + 1e-30
+    _invert(C, inverse)
 
 
 @numba.njit(cache=True)

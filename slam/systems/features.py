@@ -27,7 +27,6 @@ class FeatureTracker:
 
     def __init__(self, config: SdplConfig) -> None:
         self.config = config
-        self.corner_config = PointConfig(object_count=config.points.object_count)
         self.points: Points2D = empty_points()
         self.segments: Segments2D = empty_segments()
         self._age = np.zeros(0, np.int64)
@@ -57,6 +56,12 @@ class FeatureTracker:
                                    np.zeros(len(tracked.line_index), np.int32))
         self._detect(current)
 
+    def found_on(self, current: Observation) -> bool:
+        """Whether a frame has corners with depth on it, enough to track from."""
+        wanted = self.config.start.min_points
+        uv, _ = detect_points(current.gray, 10 * wanted, _label_image(current))
+        return int(np.count_nonzero(depth_at(current.frame.depth_m, uv))) >= wanted
+
     def finished_static_line_lengths(self) -> Array:
         """Frames that each static segment track lived, those still alive included."""
         alive = self._age[self.segments.instance_id == 0]
@@ -71,15 +76,18 @@ class FeatureTracker:
             self._detect_segments(current)
 
     def _detect_points(self, current: Observation) -> None:
-        static_alive = int(np.count_nonzero(self.points.instance_id == 0))
-        wanted = max(0, self.config.points.static_count - static_alive)
+        """Fill the empty cells of the static world, and the gaps on objects."""
         labels = _label_image(current)
-        uv, _ = detect_points(current.gray, wanted, labels, self.points.uv_px, self.corner_config)
+        # Spread, not strongest first: what is strong may lie all in one far tree.
+        cell_px = max(8, round(np.sqrt(current.gray.size / self.config.points.static_count)))
+        self.points = _one_per_cell(self.points, cell_px)
+        settings = PointConfig(static_cell_px=cell_px, object_count=self.config.points.object_count)
+        uv, _ = detect_points(current.gray, current.gray.size, labels, self.points.uv_px, settings)
         depth = depth_at(current.frame.depth_m, uv)
         uv, depth = uv[depth > 0], depth[depth > 0]
         ids, self._numbers = self._numbers.take(len(uv))
         new = Points2D(uv, depth, ids, nearest(labels, uv).astype(np.int32))
-        self.points = join_points(self.points, new)
+        self.points = _one_per_cell(join_points(self.points, new), cell_px)
 
     def _detect_segments(self, current: Observation) -> None:
         """Segments found now confirm, correct and complete those that were carried."""
@@ -111,6 +119,19 @@ class FeatureTracker:
 def _label_image(current: Observation) -> Array:
     labels = current.frame.instance_id
     return np.zeros(current.gray.shape, np.int32) if labels is None else labels
+
+
+def _one_per_cell(points: Points2D, cell_px: int) -> Points2D:
+    """The points on objects, and of the static ones the oldest of each cell."""
+    cell = np.floor(points.uv_px / cell_px).astype(np.int64)
+    place = cell[:, 1] * 100_000 + cell[:, 0]
+    place = np.where(points.instance_id == 0, place, -1 - np.arange(len(points)))
+    order = np.lexsort((points.track_id, place))
+    first = np.ones(len(points), bool)
+    first[1:] = np.diff(place[order]) != 0
+    kept = np.sort(order[first])
+    return Points2D(points.uv_px[kept], points.depth_m[kept], points.track_id[kept],
+                    points.instance_id[kept])
 
 
 def _among_longest(endpoints_px: Array, kept: Array, age: Array, count: int) -> Array:

@@ -21,6 +21,7 @@ from slam.types import (
     Status,
 )
 
+_SHORTEST_S = 1e-3   # between frames
 _LONGEST_S = 1.0     # over a longer time nothing keeps its velocity
 
 
@@ -80,7 +81,7 @@ class History:
                 moving[track] = estimate
             else:
                 still.append(found.label)
-        if frame.stamp_s > before.stamp_s:       # broken stamps tell no velocity
+        if frame.stamp_s - before.stamp_s > _SHORTEST_S:       # broken stamps tell no velocity
             self._velocity = se3.log(tracked.T_a_b) / dt_s
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
         left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)

@@ -287,6 +287,13 @@ class MotionStage:
         share = float(np.mean(good[static])) if static.any() else 0.0
         if share < self.config.start.min_inlier_share:
             return _lost(f"{share:.0%} of the static matches follow one motion")
+        lines_good = np.flatnonzero(motions.line_chi < self.config.motion.line_gate)
+        still_lines = int(np.count_nonzero(matched.lines.group[lines_good] == 0))
+        if image_flow and self._aligns(image_flow):
+            # Flow estimated on an image without texture is the prediction, handed back.
+            corners_found = int(np.count_nonzero(static & good & (own.kind == REFINED_KIND)))
+            if corners_found + 2 * still_lines < self.config.start.min_points:
+                return _lost(f"{corners_found} corners and {still_lines} lines were found again")
         objects = []
         for group, label in enumerate(labels_b, start=1):
             if group in why:
@@ -303,14 +310,12 @@ class MotionStage:
             objects.append(self._object(group, label, own, good, chi, motions))
         corners = slice(len(matched.grid), len(own))
         alive = np.flatnonzero(good[corners])
-        lines_good = np.flatnonzero(motions.line_chi < self.config.motion.line_gate)
         return Tracked(
             motions.T_a_b[0], motions.information[0], tuple(objects),
             tuple((labels_b[g - 1], reason) for g, reason in sorted(why.items())),
             matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
             matched.line_index[lines_good], np.array(matched.lines.endpoints_b[lines_good]),
-            int(np.count_nonzero(good & static)),
-            int(np.count_nonzero(matched.lines.group[lines_good] == 0)))
+            int(np.count_nonzero(good & static)), still_lines)
 
     def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
                 motions: Motions) -> ObjectMotion:

@@ -19,6 +19,8 @@ from slam.systems.motion_stage import MotionStage, Tracked
 from slam.systems.stopwatch import Stopwatch
 from slam.types import FlowField, Frame, FrameEstimate, Intrinsics, SlamResult, Status
 
+_UNMATCHED = 2     # frames in a row; one may be blurred
+
 
 class SdplSlam:
     """Camera and object motions from frame to frame, from points and lines."""
@@ -33,6 +35,7 @@ class SdplSlam:
         self.motions = MotionStage(intrinsics, self.config)
         self.history = History()
         self.previous: Observation | None = None
+        self._unmatched = 0      # frames in a row with features that did not match `previous`
 
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame; never raises for what a frame shows."""
@@ -43,15 +46,14 @@ class SdplSlam:
             return self._begin(current, clock)
         if not current.rho.any():
             return self._lost(current, "no depth in this frame", clock)
-        flow = self._flow(self.previous, current)
-        clock.lap("flow")
-        pairs = associate(overlaps(flow, self.previous.label_index, current.label_index),
-                          self.previous.labels, current.labels, self.config.dynamic.min_overlap)
-        clock.lap("masks")
-        tracked = self.motions.track(self.previous, current, flow, pairs, self.features,
-                                     self._expected_motion(frame), self.objects,
-                                     self.history.T_world_camera, clock)
+        scales = self.motions.scales
+        tracked, pairs = self._track(self.previous, current, True, clock)
+        if tracked.lost_because and self.history.has_motion:
+            # A motion that goes on otherwise than expected leads the search astray.
+            self.motions.scales = scales
+            tracked, pairs = self._track(self.previous, current, False, clock)
         if tracked.lost_because:
+            self.motions.scales = scales
             return self._lost(current, tracked.lost_because, clock)
         return self._keep(current, pairs, tracked, clock)
 
@@ -73,14 +75,27 @@ class SdplSlam:
         self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf,
                              current.frame.stamp_s)
         self.features.restart(current)
-        self.previous = current
+        self.previous, self._unmatched = current, 0
 
-    def _flow(self, previous: Observation, current: Observation) -> FlowField:
+    def _track(self, previous: Observation, current: Observation, expect: bool,
+               clock: Stopwatch) -> tuple[Tracked, dict[int, int]]:
+        """All motions, from where the last ones lead to or from standing still; mask pairs."""
+        flow = self._flow(previous, current, expect)
+        clock.lap("flow")
+        pairs = associate(overlaps(flow, previous.label_index, current.label_index),
+                          previous.labels, current.labels, self.config.dynamic.min_overlap)
+        clock.lap("masks")
+        expected = self._expected_motion(current.frame) if expect else np.eye(4)
+        return self.motions.track(previous, current, flow, pairs, self.features, expected,
+                                  self.objects, self.history.T_world_camera, clock), pairs
+
+    def _flow(self, previous: Observation, current: Observation, expect: bool) -> FlowField:
         """The flow given with the frame, or our own, from the motion expected."""
         frame = current.frame
         if frame.flow is not None and frame.index == previous.frame.index + 1:
             return frame.flow
-        expected = self._expected_flow(previous, current) if self.config.flow.predict else None
+        predict = self.config.flow.predict and expect
+        expected = self._expected_flow(previous, current) if predict else None
         return self.flow_estimator(previous.gray, current.gray, expected)
 
     def _expected_flow(self, previous: Observation, current: Observation) -> Array:
@@ -105,9 +120,11 @@ class SdplSlam:
         """Predict the pose, and go on from the last good frame as long as it can be seen."""
         frame = current.frame
         estimate = self.history.add_lost(frame, reason, clock.laps_ms())
-        # A frame that nothing was ever tracked from may itself be the one that is bad.
-        if (self.history.lost_in_a_row >= self.config.start.give_up_after
-                or not self.history.has_motion):
+        # Once frames that show something do not match, the frame they do not match is at fault;
+        # so it is where nothing was ever tracked.
+        self._unmatched = self._unmatched + 1 if self.features.found_on(current) else 0
+        if (self._unmatched >= _UNMATCHED or not self.history.has_motion
+                or self.history.lost_in_a_row >= self.config.start.give_up_after):
             self.history.T_world_camera = estimate.T_world_camera
             self._take_as_reference(current)
         return estimate
@@ -123,7 +140,7 @@ class SdplSlam:
         clock.lap("objects")
         self.features.advance(current, tracked)
         clock.lap("detect")
-        self.previous = current
+        self.previous, self._unmatched = current, 0
         estimate = replace(estimate, points=self.features.points, segments=self.features.segments,
                            timings_ms=clock.laps_ms())
         return self.history.amend(estimate)
