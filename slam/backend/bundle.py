@@ -112,8 +112,8 @@ class _Problem:
         m = len(s)
         self._work = np.zeros((m, 3)), np.zeros((m, 3, 6)), np.zeros((m, 3, 3))
         self._trial = np.zeros((m, 3)), np.zeros((m, 3, 6)), np.zeros((m, 3, 3))
-        spans = self.pose[self.start[1:] - 1] - self.pose[self.start[:-1]] if landmarks else []
-        self.band = max([1, *np.asarray(spans).tolist()]) + 1
+        first = self.start[self.landmark]                      # each one's landmark's first
+        self.band = int(np.max(self.pose - self.pose[first], initial=1)) + 1
         T = path.T_body_camera
         self.steps = se3.inverse(T[:-1]) @ T[1:]
         self.information = np.array(path.information[1:]) * config.odometry_weight

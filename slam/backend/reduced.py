@@ -78,11 +78,7 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, damping, S, g, inverse, gradient):
     for p in range(len(start) - 1):
         first, last = start[p], start[p + 1]
         _own_block(Vw[first:last], rw[first:last], damping, inverse[p], gradient[p])
-        for i in range(first, last):
-            for c in range(3):
-                for a in range(6):
-                    W[i - first, c, a] = (Vw[i, 0, c] * Jw[i, 0, a] + Vw[i, 1, c] * Jw[i, 1, a]
-                                          + Vw[i, 2, c] * Jw[i, 2, a])
+        _couplings(Vw[first:last], Jw[first:last], W)
         for i in range(first, last):
             k = pose[i]
             own = S[k, 0]
@@ -102,6 +98,16 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, damping, S, g, inverse, gradient):
                     a0, a1, a2 = A[0, a], A[1, a], A[2, a]
                     for c in range(6):           # innermost and contiguous: it vectorises
                         block[a, c] -= a0 * other[0, c] + a1 * other[1, c] + a2 * other[2, c]
+
+
+@numba.njit(cache=True)
+def _couplings(V, J, W):  # type: ignore[no-untyped-def]
+    """Fill W (≥ N, 3, 6) with Vᵀ J of the N sightings of a landmark."""
+    for i in range(len(V)):
+        for c in range(3):
+            for a in range(6):
+                W[i, c, a] = (V[i, 0, c] * J[i, 0, a] + V[i, 1, c] * J[i, 1, a]
+                              + V[i, 2, c] * J[i, 2, a])
 
 
 @numba.njit(cache=True)
