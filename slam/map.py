@@ -69,6 +69,7 @@ class BodyRecord:
 class MapRecord:
     """All bodies, landmarks and sightings of a run; grows frame by frame."""
 
+    indices: list[int] = field(default_factory=list)         # the frame's own index, by row
     bodies: dict[int, BodyRecord] = field(default_factory=lambda: {STATIC: BodyRecord(0)})
     _observations: list[PointObservations] = field(default_factory=list)
     _landmarks: list[PointLandmarks] = field(default_factory=list)

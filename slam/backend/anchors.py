@@ -62,7 +62,7 @@ class AnchorTracker:
     def __init__(self, intrinsics: Intrinsics, config: AnchorConfig, noise: NoiseConfig) -> None:
         self.intrinsics, self.config, self.noise = intrinsics, config, noise
         self.corners = PointConfig(object_count=config.object_count)
-        self.align = RefineConfig()
+        self.align = RefineConfig(without_ramps=True)
         self._alive = _no_anchors()
         self._images: dict[int, Array] = {}         # row of a keyframe -> its smoothed image
         self._poses: dict[tuple[int, int], Array] = {}   # (body, keyframe) -> T_body_camera

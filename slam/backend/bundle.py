@@ -116,7 +116,7 @@ class _Problem:
         self.band = int(np.max(self.pose - self.pose[first], initial=1)) + 1
         T = path.T_body_camera
         self.steps = se3.inverse(T[:-1]) @ T[1:]
-        self.information = np.array(path.information[1:]) * config.odometry_weight
+        self.information = np.array(path.information[1:])
         unknown = ~np.isfinite(self.information).all(axis=(1, 2)) | (
             np.einsum("fii->f", self.information) <= 0)
         self.information[unknown] = _UNKNOWN_STEP

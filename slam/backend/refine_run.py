@@ -34,8 +34,9 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
     for number, refined in bodies.items():
         if number != STATIC:
             body = record.bodies[number]
-            objects[body.track] = _with_motions(objects[body.track], body, refined.T_body_camera,
-                                                X, tracked.T_world_camera)
+            objects[body.track] = _with_motions(
+                objects[body.track], body, np.array(record.indices), refined.T_body_camera, X,
+                tracked.T_world_camera)
     timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
     return replace(tracked, T_world_camera=X, objects=objects,
                    points_world=bodies[STATIC].xyz_body, timings_ms=timings)
@@ -96,7 +97,7 @@ def _camera_path(tracked: Array, frames: list[int], refined: Array) -> Array:
     return np.asarray(X[last] @ se3.inverse(tracked[last]) @ tracked)
 
 
-def _with_motions(track: ObjectTrack, body: BodyRecord, Y: Array, X: Array,
+def _with_motions(track: ObjectTrack, body: BodyRecord, indices: Array, Y: Array, X: Array,
                   X_tracked: Array) -> ObjectTrack:
     """The track with one body's motions H_k = L_k L_{k−1}⁻¹, L = X Y⁻¹."""
     rows = np.array(body.frames)
@@ -105,8 +106,8 @@ def _with_motions(track: ObjectTrack, body: BodyRecord, Y: Array, X: Array,
     carried = X[rows[:-1]] @ se3.inverse(X_tracked[rows[:-1]])
     H_world, centroid = np.array(track.H_world), np.array(track.centroid_world)
     place = {int(frame): i for i, frame in enumerate(track.frames)}
-    for i, row in enumerate(rows[1:]):
-        at = place.get(int(row))
+    for i, index in enumerate(indices[rows[1:]]):
+        at = place.get(int(index))
         if at is not None:
             H_world[at] = H[i]
             centroid[at] = se3.transform_points(carried[i], centroid[at][None])[0]

@@ -34,6 +34,7 @@ class RefineConfig:
     min_support: float = 0.3          # share of the window that lies on the centre's surface
     max_scale: float = 4.0            # of a warp's area; beyond it a patch is not alike
     max_step_px: float = 1.0          # of one iteration
+    without_ramps: bool = False       # blind to lighting that changes over the patch: views far apart
     noise_floor_grey: float = 0.15    # σ of patch differences: rounding to 8 bits, blurred
 
 
@@ -131,7 +132,8 @@ def _align(previous: Array, current: Array, uv_previous: Array, start: Array, A:
         weights = window * patch_support(surface, uv_previous, config.radius_px)
     share = weights.sum(axis=0)
     weights = weights / np.maximum(share, 1e-6)
-    templates = make_templates(previous, uv_previous, weights, A, config.radius_px)
+    templates = make_templates(previous, uv_previous, weights, A, config.radius_px,
+                               config.without_ramps)
     if direction is not None:
         templates = constrained(templates, direction)
     uv, correlation, residual, ended = _iterate(current, start, templates, config)

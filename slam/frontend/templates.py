@@ -34,8 +34,12 @@ class Templates:
 
 
 def make_templates(spline: Array, uv_px: Array, weights: Array, A: Array | None,
-                   radius: int) -> Templates:
-    """Templates around positions (N, 2), weighted by (P, N), as they look under warps (N, 2, 2)."""
+                   radius: int, without_ramps: bool = False) -> Templates:
+    """Templates around positions (N, 2), weighted by (P, N), as they look under warps (N, 2, 2).
+
+    Args:
+        without_ramps: make alignment blind to linear changes of brightness over a patch.
+    """
     basis = extract_patches_and_slopes(spline, uv_px, radius)
     basis = basis.reshape(3, -1, len(uv_px))              # gradient in u and v, template
     if A is not None:
@@ -44,6 +48,8 @@ def make_templates(spline: Array, uv_px: Array, weights: Array, A: Array | None,
     # with a patch are blind to its brightness and contrast.
     for k in range(3):
         basis[k] -= dot(weights, basis[k])
+    if without_ramps:
+        _without_ramps(basis, weights, radius)
     taps = basis * weights
     energy = np.maximum(dot(taps[2], basis[2]), np.float32(1e-6))
     for k in range(2):
@@ -75,6 +81,21 @@ def constrained(templates: Templates, direction: Array) -> Templates:
 def dot(a: Array, b: Array) -> Array:
     """(N,) dot products of the columns of (P, N) and (P, N)."""
     return np.asarray(np.einsum("pn,pn->n", a, b))
+
+
+def _without_ramps(basis: Array, weights: Array, radius: int) -> None:
+    """Take off gradient and template what is linear in u and in v.
+
+    A lamp that moves with the camera, or a surface that shines, changes a patch's brightness by
+    a ramp above all, which would pass for a shift.
+    """
+    offset = np.arange(-radius, radius + 1, dtype=np.float32)
+    v, u = (axis.reshape(-1, 1) for axis in np.meshgrid(offset, offset, indexing="ij"))
+    for ramp in (u, v):
+        weighted = weights * ramp
+        size = np.maximum(dot(weighted, np.broadcast_to(ramp, weighted.shape)), np.float32(1e-6))
+        for k in range(3):
+            basis[k] -= (dot(weighted, basis[k]) / size) * ramp
 
 
 def _warp(basis: Array, A: Array, radius: int) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 from slam.config import SdplConfig
 from slam.systems.sdpl import SdplSlam
+from slam.systems.sdpl_batch import SdplBatch
 from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult
 
 
@@ -22,6 +23,7 @@ class SlamSystem(Protocol):
 class Preset(NamedTuple):
     description: str
     config: SdplConfig
+    batch: bool = False      # refine the whole run at its end
 
 
 _SDPL = SdplConfig()
@@ -33,6 +35,8 @@ PRESETS: Mapping[str, Preset] = {
         replace(_SDPL, motion=replace(_SDPL.motion, optimise_flow=False))),
     "vdo": Preset("points only, as VDO-SLAM",
                   replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
+    "sdpl-batch": Preset("sdpl, and a global batch over landmarks when the run ends", _SDPL,
+                         batch=True),
 }
 
 
@@ -67,4 +71,5 @@ def default_config(name: str) -> SdplConfig:
 def make(name: str, intrinsics: Intrinsics, config: SdplConfig | None = None) -> SlamSystem:
     """A fresh system of this name, with its preset's settings unless `config` is given."""
     preset = default_config(name)
-    return SdplSlam(intrinsics, preset if config is None else config)
+    system = SdplBatch if PRESETS[name].batch else SdplSlam
+    return system(intrinsics, preset if config is None else config)
