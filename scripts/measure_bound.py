@@ -1,8 +1,9 @@
 """How far tracking is from what its correspondences allow: RMS errors over the Cramér–Rao bound.
 
-    python scripts/measure_bound.py [--seeds 0 1 2 3 4] [--frames 60] [--system sdpl]
+    python scripts/measure_bound.py [--scene SwingingBoxes-v0] [--seeds 0 1 2 3 4] [--frames 60]
+        [--system sdpl] [--objects]
 
-SwingingBoxes-v0; true flow with pairwise, isotropic, Gaussian noise of 0.3 px everywhere (no
+True flow with pairwise, isotropic, Gaussian noise of 0.3 px everywhere (no
 heavier tail), depth with Gaussian noise of 0.002 z² in both frames. Two bounds are printed:
 
     cells    the correspondences that the tracker uses: means over the cells of its grid. A cell of
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,19 +138,20 @@ def _true_inverse_depth(depth_m: Array, cells: PointMatches) -> Array:
     return np.where(np.abs(rho - cells.rho_a) < 0.1 * cells.rho_a, rho, cells.rho_a)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", default="SwingingBoxes-v0")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--system", default="sdpl", choices=sorted(PRESETS))
     parser.add_argument("--objects", action="store_true", help="each object by itself, too")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     pooled: dict[str, Squares] = defaultdict(Squares)
     print("RMS error over the bound: translation, rotation\n")
     print("| seed | of | motions | RMS mm | RMS ° | over cells | over pixels |")
     print("|---|---|---|---|---|---|---|")
     for seed in chosen.seeds:
-        found = _measured(seed, chosen.frames, chosen.system, pooled)
+        found = _measured(chosen.scene, seed, chosen.frames, chosen.system, pooled)
         for name, squares in found.items():
             if chosen.objects or not name.startswith("object "):
                 _print_row(str(seed), name, squares)
@@ -163,9 +166,9 @@ def _print_row(seed: str, name: str, squares: Squares) -> None:
           + " | ".join(ratios) + " |", flush=True)
 
 
-def _measured(seed: int, frames: int, system: str, pooled: dict[str, Squares]
+def _measured(scene: str, seed: int, frames: int, system: str, pooled: dict[str, Squares]
               ) -> dict[str, Squares]:
-    world = make_world("SwingingBoxes-v0", seed)
+    world = make_world(scene, seed)
     renderer = make_renderer("mujoco", world)
     sequence = SimulatedSequence(world, renderer, frames)
     feed = Feed(sequence, InputChoice(

@@ -32,8 +32,10 @@ from scipy import stats
 import slam
 from simbench.inputs import Feed, InputChoice
 from simbench.render import make_renderer
-from simbench.run import run, score
+from simbench.run import RunRecord, run, score
+from simbench.score import Online
 from simbench.simulate import SimulatedSequence
+from simbench.types import Trajectories
 from simbench.world import make_world
 
 FLOW_SIGMA_PX = 0.3
@@ -81,7 +83,7 @@ class Row:
     metrics: dict[str, Any]
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", default=["SwingingBoxes-v0", "Street-v0"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
@@ -91,7 +93,7 @@ def main() -> None:
                         choices=[c.name for c in CONDITIONS], metavar="NAME")
     parser.add_argument("--workers", type=int, default=1, help="sequences worked on at a time")
     parser.add_argument("--per-seed", action="store_true", help="each seed's means, too")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     rows = list(_measured(chosen))
     for scene in chosen.scenes:
         of_scene = [row for row in rows if row.scene == scene]
@@ -142,9 +144,18 @@ def _rows_of_sequence(scene: str, seed: int, texture: float, frames: int,
                          Feed(sequence, condition.choice, seed))
             for line in record.log:
                 print(f"{scene} seed {seed}, {condition.name}, {name}: {line}", file=sys.stderr)
-            rows.append(Row(scene, seed, condition.name, name, score(truth, record)))
+            metrics = score(truth, record)
+            metrics["objects"]["mean"] |= _median_error(truth, record)
+            rows.append(Row(scene, seed, condition.name, name, metrics))
     renderer.close()
     return rows
+
+
+def _median_error(truth: Trajectories, record: RunRecord) -> dict[str, float]:
+    """Beside the mean, which a car of 200 pixels at 35 m decides."""
+    errors = Online.of(record).object_errors(truth, exact=True).values()
+    t_m = np.concatenate([np.zeros(0), *(e.t_m for e in errors if e.rigid)])
+    return {"E_t_median": float(np.median(t_m))} if len(t_m) else {}
 
 
 COLUMNS = (   # heading, block and key of metrics.json, factor, format
@@ -152,7 +163,7 @@ COLUMNS = (   # heading, block and key of metrics.json, factor, format
     ("camera E_R °", ("camera", "E_R"), 1.0, ".4f"),
     ("coverage", ("camera", "coverage"), 1.0, ".3f"),
     ("objects E_t mm", ("objects", "mean", "E_t"), 1e3, ".3f"),
-    ("E_t local mm", ("objects", "mean", "E_t_local"), 1e3, ".3f"),
+    ("its median mm", ("objects", "mean", "E_t_median"), 1e3, ".3f"),
     ("objects E_R °", ("objects", "mean", "E_R"), 1.0, ".4f"),
     ("coverage", ("objects", "mean", "coverage"), 1.0, ".3f"),
     ("id switches", ("objects", "mean", "id_switches"), 1.0, ".1f"),

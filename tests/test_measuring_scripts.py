@@ -1,0 +1,54 @@
+"""The scripts behind docs/results.md still run and print their tables."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module   # dataclasses look their module up by name
+    spec.loader.exec_module(module)
+    return module
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip().strip("|").split("|")]
+
+
+def test_the_table_of_errors_holds_a_row_for_the_system(capsys: pytest.CaptureFixture[str]):
+    script("measure_tracking").main(["--scenes", "SwingingBoxes-v0", "--seeds", "1", "--frames",
+                                     "3", "--systems", "vdo", "--conditions", "exact"])
+    lines = [cells(line) for line in capsys.readouterr().out.splitlines() if line[:1] == "|"]
+    row = dict(zip(lines[0], lines[2], strict=True))
+    assert row["input"] == "exact"
+    assert row["system"] == "vdo"
+    assert 0 < float(row["camera E_t mm"]) < 1
+
+
+def test_the_table_of_bounds_holds_camera_and_objects(capsys: pytest.CaptureFixture[str]):
+    script("measure_bound").main(["--seeds", "1", "--frames", "3"])
+    lines = [cells(line) for line in capsys.readouterr().out.splitlines() if line[:1] == "|"]
+    rows = {(row[0], row[1].split()[0]): row for row in lines[2:]}
+    for of, motions in (("camera", 2), ("objects", None)):
+        row = rows["all", of]
+        assert motions is None or int(row[2]) == motions
+        cell_ratio, pixel_ratio = (float(row[i].split(",")[0]) for i in (5, 6))
+        # More correspondences leave a lower bound, so a larger ratio; both are of order one.
+        assert 0.1 < cell_ratio <= pixel_ratio * 1.001 < 30
+
+
+@pytest.mark.parametrize("name", ["benchmark_tracking", "measure_determinism", "measure_real",
+                                  "check_kitti_truth"])
+def test_a_script_loads(name: str):
+    assert script(name).main.__name__ == "main"
