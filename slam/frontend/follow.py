@@ -20,6 +20,7 @@ from slam.types import FlowField, Points2D, Segments2D
 
 CORNER_KIND = 2          # PointMatches.kind of corners that dense flow carried
 REFINED_KIND = 3         # of corners aligned on the images
+_MAX_DEPTH_CHANGE = 0.5  # of inverse depth between two frames: a car that comes at us has 0.2
 _SAMPLES = 8             # positions along a segment where the flow is read
 
 
@@ -45,18 +46,21 @@ def follow_points(points: Points2D, group_a: Array, flow: FlowField, a: Observat
     known &= (group_a >= 0) & inside(uv_b, group_b.shape, 2.0)
     index = np.flatnonzero(known)
     index = index[nearest(group_b, uv_b[index]) == group_a[index]]
-    here = fit_surfaces(a.rho, a.label_index, points.uv_px[index],
-                        noise.inverse_depth_sigma)
-    found = here.rho > 0
-    index = index[found]
+    sigma = noise.inverse_depth_sigma
+    here = fit_surfaces(a.rho, a.label_index, points.uv_px[index], sigma)
+    there = fit_surfaces(b.rho, b.label_index, uv_b[index], sigma)
+    # A depth that changes as no motion changes it: the flow went to something else.
+    change = np.where(there.rho > 0, np.abs(there.rho - here.rho), 0.0)
+    kept = (here.rho > 0) & (change <= _MAX_DEPTH_CHANGE * here.rho + 8.0 * sigma)
+    index = index[kept]
     n = len(index)
-    there = fit_surfaces(b.rho, b.label_index, uv_b[index], noise.inverse_depth_sigma)
     return PointMatches(
-        uv_a=points.uv_px[index], rho_a=here.rho[found], rho_sigma_a=noise.inverse_depth_sigma * here.gain[found],
+        uv_a=points.uv_px[index], rho_a=here.rho[kept], rho_sigma_a=sigma * here.gain[kept],
         uv_b=uv_b[index],
         flow_cov=np.broadcast_to(np.eye(2) * noise.flow_sigma_px**2, (n, 2, 2)),
-        rho_b=there.rho, rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
-        group=group_a[index], kind=np.full(n, CORNER_KIND)), here.slope[found], index
+        rho_b=there.rho[kept],
+        rho_sigma_b=np.where(there.rho > 0, sigma * there.gain, np.inf)[kept],
+        group=group_a[index], kind=np.full(n, CORNER_KIND)), here.slope[kept], index
 
 
 def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smooth_a: Array,
@@ -79,7 +83,8 @@ def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smoo
     return PointMatches(
         uv_a=matches.uv_a[index], rho_a=matches.rho_a[index],
         rho_sigma_a=matches.rho_sigma_a[index], uv_b=uv_b, flow_cov=aligned.covariance[index],
-        rho_b=there.rho, rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
+        rho_b=there.rho,
+        rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
         group=matches.group[index], kind=np.full(len(index), REFINED_KIND)), index
 
 

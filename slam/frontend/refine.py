@@ -34,7 +34,7 @@ class RefineConfig:
     min_support: float = 0.3          # share of the window that lies on the centre's surface
     max_scale: float = 4.0            # of a warp's area; beyond it a patch is not alike
     max_step_px: float = 1.0          # of one iteration
-    without_ramps: bool = False       # blind to lighting that changes over the patch: views far apart
+    without_ramps: bool = False       # blind to lighting that changes over a patch, as in far views
     noise_floor_grey: float = 0.15    # σ of patch differences: rounding to 8 bits, blurred
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.config import SdplConfig
-from slam.dynamics.masks import associate, flow_of_masks, overlaps
+from slam.dynamics.masks import associate, better_flow, flow_of_masks, overlaps
 from slam.dynamics.objects import ObjectTable
 from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
 from slam.frontend.observe import Observation, observe
@@ -95,11 +95,16 @@ class SdplSlam:
         if frame.flow is not None and frame.index == previous.frame.index + 1:
             return frame.flow
         predict = self.config.flow.predict and expect
-        expected = self._expected_flow(previous, current) if predict else None
-        return self.flow_estimator(previous.gray, current.gray, expected)
+        if not self.config.flow.predict:
+            return self.flow_estimator(previous.gray, current.gray)
+        expected = self._expected_flow(previous, current)
+        flow = self.flow_estimator(previous.gray, current.gray, expected)
+        return replace(flow, flow_px=better_flow(
+            flow.flow_px, expected, previous.label_index, np.arange(1, len(previous.labels)),
+            previous.gray, current.gray))
 
     def _expected_flow(self, previous: Observation, current: Observation) -> Array:
-        """(H, W, 2) float32: what the motions so far lead to, and the masks of new things."""
+        """(H, W, 2) float32: what the motions so far lead to, and the pictures of new things."""
         T_b_a = se3.inverse(self._expected_motion(current.frame))
         states = self.objects.of_label(previous.frame.stamp_s)
         moving = {label: T_b_a @ self.objects.predicted_relative(
@@ -107,10 +112,10 @@ class SdplSlam:
                   for label, s in states.items() if s.H_world is not None and not s.parked}
         flow = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a, moving,
                               self.intrinsics)
-        unknown = [i for i, label in enumerate(previous.labels) if i > 0 and label not in moving
-                   and not (label in states and states[label].parked)]
-        return flow_of_masks(flow, previous.label_index, np.array(unknown, dtype=np.int64),
-                             previous.gray, current.gray) if unknown else flow
+        unknown = np.array([i for i, label in enumerate(previous.labels)
+                            if i > 0 and label not in moving
+                            and not (label in states and states[label].parked)], dtype=np.int64)
+        return flow_of_masks(flow, previous.label_index, unknown, previous.gray, current.gray)
 
     def _expected_motion(self, frame: Frame) -> Array:
         assert self.previous is not None
