@@ -6,14 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from numerics import numerical_jacobian
 from slam import factors, line_factors
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
 from slam.geometry.line import PluckerLines
 from slam.geometry.se3_jacobian import right_jacobian, right_jacobian_inverse
 from slam.types import Intrinsics
-from tests.numerics import numerical_jacobian
-from tests.strategies import plucker_lines, rigid_transforms, vectors, world_points
+from strategies import plucker_lines, rigid_transforms, vectors, world_points
 
 CAMERA = Intrinsics(500.0, 520.0, 319.5, 239.5, 640, 480)
 N = 4
@@ -35,7 +35,7 @@ def by_own(function, size):
 
 
 @given(vectors(6, limit=2.0))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_right_jacobian(xi):
     numeric = numerical_jacobian(lambda d: se3.log(se3.inverse(se3.exp(xi)) @ se3.exp(xi + d)))
     assert_allclose(right_jacobian(xi), numeric, atol=1e-6)
@@ -43,7 +43,7 @@ def test_right_jacobian(xi):
 
 
 @given(rigid_transforms(), vectors(N, 2, limit=1.0), st.floats(0.5, 80.0), st.integers(0, 99))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_landmark_terms(T, slopes, depth, seed):
     p = np.concatenate([slopes, np.ones((N, 1))], axis=1) * depth
     xyz = se3.transform_points(T, p)
@@ -71,7 +71,7 @@ def test_a_point_without_an_image_says_so():
 
 
 @given(rigid_transforms(), world_points(N))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_landmark_terms_metric(T, xyz):
     def at(T=T, xyz=xyz):
         return factors.landmark_terms_metric(repeated(T), xyz, np.ones((N, 3)))
@@ -81,7 +81,7 @@ def test_landmark_terms_metric(T, xyz):
 
 
 @given(rigid_transforms(), rigid_transforms(), st.integers(0, 99))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_odometry_terms(A, B, seed):
     Z = near(se3.inverse(A) @ B, 0.3, seed)
 
@@ -95,7 +95,7 @@ def test_odometry_terms(A, B, seed):
 
 
 @given(rigid_transforms(), world_points(N), world_points(N))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_point_motion_terms(H, before, now):
     def at(H=H, before=before, now=now):
         return factors.point_motion_terms(repeated(H), before, now)
@@ -106,7 +106,7 @@ def test_point_motion_terms(H, before, now):
 
 
 @given(rigid_transforms(), vectors(3, limit=100.0), vectors(3, limit=1.0), st.integers(0, 99))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_smooth_motion_terms(H, centroid, step, seed):
     H_now = near(H, 0.3, seed)
 
@@ -134,7 +134,7 @@ line_sets = st.one_of(plucker_lines(N, 5.0), plucker_lines(N, 5.0).map(
 
 
 @given(rigid_transforms(5.0), line_sets, vectors(N, 2, 3, limit=5.0))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_line_measurement(T, plucker, endpoints):
     lines = line.orthonormal_from_plucker(plucker)
     basis = line_factors.across(line_factors.in_camera(repeated(T), lines)[0].direction)
@@ -151,7 +151,7 @@ def test_line_measurement(T, plucker, endpoints):
 
 
 @given(rigid_transforms(5.0), line_sets, vectors(N, 2, 3, limit=5.0))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_line_measurement_paper(T, plucker, endpoints):
     lines = line.orthonormal_from_plucker(plucker)
 
@@ -200,7 +200,7 @@ def test_line_measurement_covariance():
 
 @given(rigid_transforms(3.0), line_sets, vectors(N, 2, 3, limit=5.0), st.sampled_from([0.0, 0.2]),
        st.integers(0, 99))
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_line_motion(H, plucker, endpoints, change, seed):
     """At the solution (change 0), where the lines are parallel, and away from it."""
     before = line.orthonormal_from_plucker(plucker)

@@ -1,0 +1,127 @@
+"""The global batch on ray-cast scenes: better than tracking, and whole whatever a frame holds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import box_world as bw
+import slam
+from slam.geometry import se3
+from slam.types import Status
+
+FRAMES = 20
+BAD = 10
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A hand-held camera, a box that moves and turns; depth with noise, no flow."""
+    camera = bw.hand_held(FRAMES)
+    box = bw.Box((0.35, 0.3, 0.3), bw.moving(-0.5, 0.1, 0.0, FRAMES, (0.03, 0.0, 0.02),
+                                             (0.0, 0.03, 0.0)))
+    frames = [noisy(f) for f in bw.sequence(camera, {3: box}, with_flow=False)]
+    return camera, box, frames
+
+
+def noisy(frame):
+    rng = np.random.default_rng([1, frame.index])
+    depth = frame.depth_m + 0.004 * frame.depth_m**2 * rng.normal(size=frame.depth_m.shape)
+    return replace(frame, depth_m=depth.astype(np.float32))
+
+
+def run(frames):
+    system = slam.make("sdpl-batch", frames[0].intrinsics)
+    estimates = [system.process(frame) for frame in frames]
+    return system.tracker.finish(), system.finish(), estimates
+
+
+def camera_error(T, truth):
+    relative = se3.inverse(truth[0]) @ truth
+    return np.sqrt(np.mean(np.sum((T[:, :3, 3] - relative[:, :3, 3]) ** 2, axis=1)))
+
+
+def object_drift(result, camera, box, span=8):
+    """Mean error (m) of the object's motion over `span` frames, seen from the true camera."""
+    errors = []
+    for track in result.objects.values():
+        H = dict(zip(track.frames.tolist(), track.H_world, strict=True))
+        for k in sorted(H):
+            if all(k + i in H for i in range(span)):
+                total = np.eye(4)
+                for i in range(span):
+                    total = H[k + i] @ total
+                A = camera[k - 1] @ se3.inverse(result.T_world_camera[k - 1])
+                total = A @ total @ se3.inverse(A)
+                L0, L1 = box.T_world_box[k - 1], box.T_world_box[k - 1 + span]
+                errors.append(np.linalg.norm((se3.inverse(L1) @ total @ L0)[:3, 3]))
+    return np.mean(errors)
+
+
+def test_the_batch_is_better_than_tracking(scene):
+    camera, box, frames = scene
+    tracked, refined, _ = run(frames)
+    assert camera_error(refined.T_world_camera, camera) < 0.75 * camera_error(
+        tracked.T_world_camera, camera)
+    assert object_drift(refined, camera, box) < 0.9 * object_drift(tracked, camera, box)
+    assert refined.status == tracked.status
+    assert len(refined.points_world) > 50
+
+
+def black(frame):
+    return replace(frame, rgb=np.zeros_like(frame.rgb))
+
+
+def without_depth(frame):
+    return replace(frame, depth_m=np.zeros_like(frame.depth_m))
+
+
+def without_masks(frame):
+    return replace(frame, instance_id=np.zeros_like(frame.instance_id))
+
+
+@pytest.mark.parametrize("spoil", [black, without_depth, without_masks])
+@pytest.mark.parametrize("length", [1, 4])
+def test_frames_lost_in_the_middle_leave_the_rest_whole(scene, spoil, length):
+    camera, _, frames = scene
+    spoilt = [spoil(f) if BAD <= f.index < BAD + length else f for f in frames]
+    tracked, refined, estimates = run(spoilt)
+    assert np.isfinite(refined.T_world_camera).all()
+    assert all(np.isfinite(t.H_world).all() for t in refined.objects.values())
+    assert [len(t.frames) for t in refined.objects.values()] == [
+        len(t.frames) for t in tracked.objects.values()]
+    before = slice(0, BAD)
+    assert camera_error(refined.T_world_camera[before], camera[before]) < 0.01
+    if spoil is without_masks:
+        assert all(e.status is not Status.LOST for e in estimates)
+        assert camera_error(refined.T_world_camera, camera) < 0.02
+
+
+def test_indices_need_not_begin_at_zero_nor_be_dense(scene):
+    _, _, frames = scene
+    first = run(frames[:8])[1]
+    shifted = [replace(f, index=100 + 3 * f.index) for f in frames[:8]]
+    second = run(shifted)[1]
+    assert_array_equal(first.T_world_camera, second.T_world_camera)
+    for a, b in zip(first.objects.values(), second.objects.values(), strict=True):
+        assert_array_equal(100 + 3 * a.frames, b.frames)
+        assert_array_equal(a.H_world, b.H_world)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_short_runs(scene, count):
+    _, _, frames = scene
+    if count == 0:
+        assert len(slam.make("sdpl-batch", bw.CAMERA).finish().stamps_s) == 0
+    else:
+        refined = run(frames[:count])[1]
+        assert refined.T_world_camera.shape == (count, 4, 4)
+        assert np.isfinite(refined.T_world_camera).all()
+
+
+def test_runs_are_bit_equal(scene):
+    _, _, frames = scene
+    one, other = run(frames[:8])[1], run(frames[:8])[1]
+    assert one.T_world_camera.tobytes() == other.T_world_camera.tobytes()
+    assert one.points_world.tobytes() == other.points_world.tobytes()
