@@ -1,0 +1,176 @@
+"""What the global batch makes of tracking: errors against truth, and time.
+
+    python scripts/benchmark_backend.py --scene SwingingBoxes-v0 --frames 60 --seeds 0 1 2
+    python scripts/benchmark_backend.py --growth 75 150 300
+
+Each run tracks once and is scored twice, as tracked and after the batch, so that the ratios are
+paired. Object drift is the error of an object's motion over ten frames, seen from the camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from simbench.inputs import Feed, InputChoice
+from simbench.metrics.motion import motion_errors
+from simbench.metrics.trajectory import ate_errors, frame_pairs, rpe_errors, time_pairs
+from simbench.render import make_renderer
+from simbench.simulate import SimulatedSequence
+from simbench.types import Trajectories
+from simbench.world import make_world
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.systems.sdpl_batch import SdplBatch
+from slam.types import SlamResult
+
+FLOWS = {"pairwise": InputChoice(flow="noisy", flow_noise_kind="pairwise", flow_sigma_px=0.3),
+         "localisation": InputChoice(flow="noisy", flow_noise_kind="localisation",
+                                     flow_sigma_px=0.3),
+         "dis": InputChoice(flow="dis")}
+DRIFT_FRAMES = 10
+LEAST_MOTION = 1e-3      # m, or rad: an object that moves less in a frame stands still
+
+
+@dataclass(frozen=True)
+class Run:
+    """One sequence, tracked and refined."""
+
+    tracked: dict[str, float]
+    refined: dict[str, float]
+    anchors_ms: float
+    batch_s: float
+
+
+def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
+    """Track a simulated sequence once, then refine it."""
+    world = make_world(scene, seed, {"texture": texture})
+    renderer = make_renderer("mujoco", world)
+    sequence = SimulatedSequence(world, renderer, frames)
+    choice = FLOWS[flow]
+    feed = Feed(sequence, InputChoice(
+        flow=choice.flow, flow_noise_kind=choice.flow_noise_kind,
+        flow_sigma_px=choice.flow_sigma_px, masks="truth", depth="sensor", sensor="gaussian"), seed)
+    system = SdplBatch(sequence.intrinsics)
+    owner: dict[tuple[int, int], int] = {}
+    anchors = []
+    for k in range(frames):
+        estimate = system.process(feed.frame(k))
+        names = feed.true_object_of_label(k)
+        owner |= {(track, k): names[motion.instance_id]
+                  for track, motion in estimate.objects.items() if motion.instance_id in names}
+        anchors.append(estimate.timings_ms.get("anchors", 0.0))
+    start = time.perf_counter()
+    refined = system.finish()
+    batch_s = time.perf_counter() - start
+    truth = sequence.truth.trajectories
+    scores = [camera_scores(r, truth) | object_scores(r, owner, truth)
+              for r in (system.tracker.finish(), refined)]
+    renderer.close()
+    return Run(scores[0], scores[1], float(np.median(anchors)), batch_s)
+
+
+def camera_scores(result: SlamResult, truth: Trajectories) -> dict[str, float]:
+    """ATE and RPE in mm."""
+    T, T_true = result.T_world_camera, truth.T_world_camera[:len(result.T_world_camera)]
+    second = rpe_errors(T, T_true, time_pairs(result.stamps_s, 1.0))[0]
+    return {"ATE": 1e3 * float(np.sqrt(np.mean(ate_errors(T, T_true) ** 2))),
+            "RPE 1 s": 1e3 * float(second.mean()) if len(second) else np.nan,
+            "RPE 1 frame": 1e3 * float(rpe_errors(T, T_true, frame_pairs(len(T), 1))[0].mean())}
+
+
+def object_scores(result: SlamResult, owner: dict[tuple[int, int], int],
+                  truth: Trajectories) -> dict[str, float]:
+    """Errors of one motion, and of ten chained, in mm and degrees, seen from the camera."""
+    single, chained = [], []
+    for track, motions in result.objects.items():
+        H = dict(zip(motions.frames.tolist(), motions.H_world, strict=True))
+        for k, one in H.items():
+            true_id = owner.get((track, k))
+            if true_id not in truth.objects:
+                continue
+            span = range(k, k + DRIFT_FRAMES)
+            if _moves(truth, true_id, k):
+                single.append(_object_error(result, truth, true_id, k, [one]))
+            if all(j in H and owner.get((track, j)) == true_id and _moves(truth, true_id, j)
+                   for j in span):
+                chained.append(_object_error(result, truth, true_id, k, [H[j] for j in span]))
+    first = np.mean(single, axis=0) if single else np.full(2, np.nan)
+    ten = np.mean(chained, axis=0) if chained else np.full(2, np.nan)
+    return {"object E_t": 1e3 * float(first[0]), "object E_R (deg)": float(first[1]),
+            "object drift": 1e3 * float(ten[0]), "object drift (deg)": float(ten[1])}
+
+
+def _moves(truth: Trajectories, true_id: int, k: int) -> bool:
+    poses = truth.objects[true_id]
+    if not (poses.valid[k] and poses.valid[k - 1]):
+        return False
+    M = se3.inverse(poses.T_world_object[k - 1]) @ poses.T_world_object[k]
+    return bool(np.linalg.norm(M[:3, 3]) > LEAST_MOTION
+                or se3.rotation_angle(M[:3, :3]) > LEAST_MOTION)
+
+
+def _object_error(result: SlamResult, truth: Trajectories, true_id: int, k: int,
+                  motions: Sequence[Array]) -> tuple[float, float]:
+    total = np.eye(4)
+    for H in motions:
+        total = H @ total
+    A = truth.T_world_camera[k - 1] @ se3.inverse(result.T_world_camera[k - 1])
+    L = truth.objects[true_id].T_world_object
+    estimated = se3.inverse(L[k - 1]) @ A @ total @ se3.inverse(A) @ L[k - 1]
+    t, r = motion_errors(estimated[None],
+                         (se3.inverse(L[k - 1]) @ L[k - 1 + len(motions)])[None])
+    return float(t[0]), float(r[0])
+
+
+def table(runs: Sequence[Run]) -> str:
+    """Means over the runs, and the paired ratio with its 95 % interval."""
+    lines = [f"{'':20s}{'tracked':>10s}{'batch':>10s}{'ratio':>8s}   95 %"]
+    for key in runs[0].tracked:
+        before = np.array([r.tracked[key] for r in runs])
+        after = np.array([r.refined[key] for r in runs])
+        ratio = np.log(after / before)
+        half = (student.ppf(0.975, len(ratio) - 1) * ratio.std(ddof=1) / np.sqrt(len(ratio))
+                if len(ratio) > 1 else np.nan)
+        lines.append(f"{key:20s}{before.mean():10.4f}{after.mean():10.4f}"
+                     f"{np.exp(ratio.mean()):8.2f}   {np.exp(ratio.mean() - half):.2f} to "
+                     f"{np.exp(ratio.mean() + half):.2f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the tables asked for."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", default="SwingingBoxes-v0")
+    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--flow", nargs="+", choices=sorted(FLOWS), default=sorted(FLOWS))
+    parser.add_argument("--texture", type=float, default=1.0)
+    parser.add_argument("--growth", type=int, nargs="+", help="frames of runs to time instead")
+    options = parser.parse_args()
+    if options.growth:
+        times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture)
+                 for n in options.growth]
+        for n, timed in zip(options.growth, times, strict=True):
+            print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f} "
+                  "ms a frame")
+        slope = np.polyfit(np.log(options.growth), np.log([r.batch_s for r in times]), 1)[0]
+        print(f"time of the batch grows with frames to the power {slope:.2f}")
+        return
+    for flow in options.flow:
+        runs = [run(options.scene, seed, options.frames, flow, options.texture)
+                for seed in options.seeds]
+        print(f"\n{options.scene}, {options.frames} frames, seeds {options.seeds}, flow {flow}: "
+              f"mm; batch {np.median([r.batch_s for r in runs]):.1f} s, anchors "
+              f"{np.median([r.anchors_ms for r in runs]):.0f} ms a frame")
+        print(table(runs), flush=True)
+
+
+if __name__ == "__main__":
+    main()
