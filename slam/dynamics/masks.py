@@ -123,7 +123,7 @@ def _keep_better(flow_px: Array, rows: Array, columns: Array, other_px: Array, g
     step = max(1, len(rows) // _REMAP_PX)
     rows_all, columns_all = rows, columns
     rows, columns = rows[::step], columns[::step]
-    if difference(other_px[::step]) < difference(flow_px[rows, columns]):
+    if difference(other_px[::step]) < 0.7 * difference(flow_px[rows, columns]):
         flow_px[rows_all, columns_all] = other_px
 
 
