@@ -76,6 +76,10 @@ class ObjectTable:
             H_world=H_world)
         return dynamic
 
+    def forget_motion(self, track: int) -> None:
+        """The object's motion could not be told: nothing is predicted from an older one."""
+        self.states[track] = replace(self.states[track], H_world=None)
+
     def predicted_relative(self, track: int, T_world_previous: Array, dt_ratio: float) -> Array:
         """(4, 4) motion expected of an object against the static world, in the previous camera."""
         state = self.states.get(track)

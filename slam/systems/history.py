@@ -81,6 +81,8 @@ class History:
                 moving[track] = estimate
             else:
                 still.append(found.label)
+        for label, _ in tracked.left_out:
+            objects.forget_motion(track_of[label])
         if frame.stamp_s - before.stamp_s > _SHORTEST_S:       # broken stamps tell no velocity
             self._velocity = se3.log(tracked.T_a_b) / dt_s
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
