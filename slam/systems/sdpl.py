@@ -94,8 +94,7 @@ class SdplSlam:
         frame = current.frame
         if frame.flow is not None and frame.index == previous.frame.index + 1:
             return frame.flow
-        predict = self.config.flow.predict and expect
-        if not self.config.flow.predict:
+        if not (self.config.flow.predict and expect):
             return self.flow_estimator(previous.gray, current.gray)
         expected = self._expected_flow(previous, current)
         flow = self.flow_estimator(previous.gray, current.gray, expected)
