@@ -55,11 +55,12 @@ def test_a_thing_that_moved_stays_dynamic_through_a_short_stop_only():
     assert not objects.states[track].parked
 
 
-def test_a_thing_that_never_moved_is_parked():
-    objects = table()
+def test_a_thing_that_never_moved_is_parked_once_it_was_watched_for_a_while():
+    objects = table(parked_after_s=0.3)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert not objects.judged(track, False, 0.1, np.eye(4))
-    assert objects.states[track].parked
+    for stamp_s, parked in ((0.1, False), (0.29, False), (0.31, True), (0.4, True)):
+        assert not objects.judged(track, False, stamp_s, np.eye(4))
+        assert objects.states[track].parked == parked
 
 
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])

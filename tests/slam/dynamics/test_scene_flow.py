@@ -63,6 +63,6 @@ def test_far_things_need_to_move_more():
     config = DynamicConfig(static_scene_flow_m_s=0.0, static_share_of_distance=0.01)
     for far in (1.0, 10.0):
         points = POINTS * far
-        limit = 0.01 * np.quantile(points[:, 2], 1 - config.moving_share)
+        limit = 0.01 * np.quantile(points[:, 2], config.moving_share) * 0.1
         assert moves(shift(0, 1.05 * limit), SURE, SURE, points, 0.1, config)
         assert not moves(shift(0, 0.5 * limit), SURE, SURE, points, 0.1, config)
