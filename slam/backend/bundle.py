@@ -62,6 +62,7 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
     for _ in range(config.rounds):
         T, xyz = _levenberg_marquardt(problem, T, xyz, config)
         problem.measure_noise(T, xyz)
+        problem.drop_misfits(T, xyz)
     T, xyz = _levenberg_marquardt(problem, T, xyz, config)
     before, _ = problem.objective(path.T_body_camera, xyz_body)
     after, chi2 = problem.objective(T, xyz)
@@ -178,7 +179,7 @@ class _Problem:
         rw = self._trial[0]
         weight2 = 1.0 / (1.0 + chi2 / self.config.kernel_width**2)
         share = self.count / np.maximum(self.count - 1.0, 1.0)
-        seen = np.isfinite(chi2) & (self.count >= 4)
+        seen = np.isfinite(chi2) & (self.count >= 4) & (self.whitening[:, 0] > 0)
         if np.count_nonzero(seen) < _MIN_FOR_SCALE:
             self.uv_scale2, self.rho_scale2 = scales
             return
@@ -191,6 +192,19 @@ class _Problem:
             self.rho_scale2 = max(rho, _SMALLEST_SCALE2)
         else:
             self.rho_scale2 = scales[1]
+
+
+    def drop_misfits(self, T: Array, xyz: Array) -> None:
+        """Leave out landmarks most of whose sightings fit no one point.
+
+        A patch on the edge of a thing moves with the thing while its depth is of what lies behind:
+        all its sightings err to one side, and sighting by sighting the kernel keeps too much.
+        """
+        _, chi2 = self._points(T, xyz, self._trial)
+        landmarks = len(self.start) - 1
+        bad = np.bincount(self.landmark, chi2 > self.config.misfit_chi2, landmarks)
+        misfit = bad > 0.5 * np.diff(self.start)
+        self.whitening[misfit[self.landmark]] = 0.0
 
 
 def _whitening(s: PointObservations) -> Array:

@@ -166,13 +166,11 @@ class LineFamily:
         self.m, self.camera, self.config = m, camera, config
         self.rays = pinhole.rays(camera, m.endpoints_a)
         self.inverse = np.zeros((len(m), 2, 2))
-        self.scale2: Array = np.ones(len(m))
         self.depth_scale2: Array = np.ones(len(m))
 
     def renew(self, T: Array) -> None:
         t = self._terms(T)
-        flow = (self.m.flow_sigma**2 * self.scale2)[:, None, None]
-        S = flow * (t.J_flow @ np.swapaxes(t.J_flow, 1, 2))
+        S = self.m.flow_sigma[:, None, None] ** 2 * (t.J_flow @ np.swapaxes(t.J_flow, 1, 2))
         S += np.eye(2) * self.config.line_sigma_px**2                        # Σ_l
         S += (t.J_rho * (self.m.rho_sigma_a**2 * self.depth_scale2[:, None])[:, None, :]
               ) @ np.swapaxes(t.J_rho, 1, 2)
@@ -182,6 +180,15 @@ class LineFamily:
         self.inverse[:, 0, 0] = 1.0 / l00
         self.inverse[:, 1, 0] = -l10 / (l00 * l11)
         self.inverse[:, 1, 1] = 1.0 / l11
+
+    def refined_endpoints_b(self, T: Array) -> Array:
+        """(L, 2, 2) a + φ_a, b + φ_b with φ = φ̂ − Σ_φ J_φᵀ S⁻¹ e_l: the flows of eq. (3)."""
+        if not self.config.optimise_flow:
+            return np.array(self.m.endpoints_b)
+        t = self._terms(T)
+        pull = np.swapaxes(self.inverse, 1, 2) @ (self.inverse @ t.r[:, :, None])
+        moved = self.m.flow_sigma[:, None] ** 2 * np.einsum("lij,li->lj", t.J_flow, pull[:, :, 0])
+        return np.asarray(self.m.endpoints_b - moved.reshape(-1, 2, 2))
 
     def _terms(self, T: Array) -> LineTerms:
         return line_terms(T, self.rays, self.m.rho_a, self.m.endpoints_b, self.camera,

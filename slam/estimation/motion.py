@@ -1,8 +1,9 @@
 """Camera pose and object motions from points and lines: eq. (3) and (4) in one solver.
 
 All rigid motions between two frames, the camera's against the static world and each object's, are
-solved together; each feature names its group. Each round renews the noise scales, the covariances and the eliminated depths, then runs
-Levenberg-Marquardt with a robust kernel on what elimination leaves.
+solved together; each feature names its group. Each round renews the noise scales, the covariances
+and the eliminated depths, then runs Levenberg-Marquardt with a robust kernel on what elimination
+leaves.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
 _SMALLEST_SCALE2 = 1e-8        # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
+_TILE_PRIOR = 6                # features that the whole image's noise counts for in a tile
 _TESTED = 0.1                  # share of a depth's variance that its residuals can explain
 
 
@@ -37,6 +39,7 @@ class Motions:
     depth_scale: float        # the same of the inverse depths
     refined_uv_b: Array       # (N, 2) px: m + φ with the optimised flow of eq. (3)
     refined_rho_a: Array      # (N,) 1/m
+    refined_endpoints_b: Array   # (L, 2, 2) px: a + φ_a and b + φ_b, the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +161,7 @@ class _Problem:
         self.depth_scale2 = max(float(np.median(square[static])), _SMALLEST_SCALE2)
         medians, count = _grouped_median(square[tested], self.point_tile[tested],
                                          len(self.tile_scale2))
-        blended = (count * medians + _MIN_FOR_SCALE * self.depth_scale2) / (count + _MIN_FOR_SCALE)
+        blended = (count * medians + _TILE_PRIOR * self.depth_scale2) / (count + _TILE_PRIOR)
         self.tile_scale2 = np.maximum(blended, _SMALLEST_SCALE2)
 
     def solution(self, T: Array, information: Array) -> Motions:
@@ -166,7 +169,7 @@ class _Problem:
         return Motions(T, information, self.points.accumulate(T, *unused),
                        self.lines.accumulate(T, *unused), np.sqrt(self.flow_scale2),
                        float(np.sqrt(self.depth_scale2)), self.points.refined_uv_b(T),
-                       self.points.rho)
+                       self.points.rho, self.lines.refined_endpoints_b(T))
 
 
 def _excess_scale2(square: Array, flow_part: Array, depth_part: Array, now2: float) -> float:

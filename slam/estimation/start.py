@@ -1,4 +1,4 @@
-"""Where the refinement starts: P3P in RANSAC (III-B), or the predicted motion if that fits better."""
+"""Where the refinement starts: P3P in RANSAC (III-B), or the prediction if that fits better."""
 
 from __future__ import annotations
 

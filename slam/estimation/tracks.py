@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,17 +19,6 @@ class TrackNumbers:
     def take(self, count: int) -> tuple[Array, TrackNumbers]:
         ids = np.arange(self.next_id, self.next_id + count, dtype=np.int64)
         return ids, TrackNumbers(self.next_id + count)
-
-
-@dataclass(frozen=True, slots=True)
-class Tracks:
-    """The features alive in a frame."""
-
-    points: Points2D
-    segments: Segments2D
-    segment_age: Array                    # (L,) frames in which each segment was seen so far
-    unseen: Array                         # (L,) frames since the detector last confirmed it
-    numbers: TrackNumbers = field(default_factory=TrackNumbers)
 
 
 def empty_points() -> Points2D:

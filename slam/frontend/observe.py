@@ -1,4 +1,4 @@
-"""What is computed of a frame once and used twice: as the current frame, then as the previous one."""
+"""What is computed of a frame once, for its use as the current and then the previous one."""
 
 from __future__ import annotations
 

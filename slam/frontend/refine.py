@@ -14,7 +14,7 @@ import numpy as np
 from slam.frontend import symmetric
 from slam.frontend.patches import extract_patches, fits, spline_image
 from slam.frontend.support import patch_support
-from slam.frontend.templates import Templates, constrained, dot, make_templates
+from slam.frontend.templates import Templates, constrained, dot, make_templates, take_ramps_off
 from slam.geometry.arrays import Array, freeze_fields
 
 
@@ -164,6 +164,8 @@ def _iterate(current: Array, start: Array, templates: Templates,
         patch = extract_patches(current, uv[active], config.radius_px)
         patch = patch.reshape(len(own.weights), -1)
         patch -= dot(own.weights, patch)
+        if config.without_ramps:
+            take_ramps_off(patch, own.weights, config.radius_px)
         dots = np.einsum("kpn,pn->kn", own.taps, patch).astype(np.float64)
         gain = np.clip(dots[2] / own.energy, 0.3, 3.0)
         right = dots[:2] / gain

@@ -49,7 +49,7 @@ def make_templates(spline: Array, uv_px: Array, weights: Array, A: Array | None,
     for k in range(3):
         basis[k] -= dot(weights, basis[k])
     if without_ramps:
-        _without_ramps(basis, weights, radius)
+        take_ramps_off(basis, weights, radius)
     taps = basis * weights
     energy = np.maximum(dot(taps[2], basis[2]), np.float32(1e-6))
     for k in range(2):
@@ -83,8 +83,8 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("pn,pn->n", a, b))
 
 
-def _without_ramps(basis: Array, weights: Array, radius: int) -> None:
-    """Take off gradient and template what is linear in u and in v.
+def take_ramps_off(patches: Array, weights: Array, radius: int) -> None:
+    """Take off patches (..., P, N), without a mean, what is linear in u and in v.
 
     A lamp that moves with the camera, or a surface that shines, changes a patch's brightness by
     a ramp above all, which would pass for a shift.
@@ -94,8 +94,9 @@ def _without_ramps(basis: Array, weights: Array, radius: int) -> None:
     for ramp in (u, v):
         weighted = weights * ramp
         size = np.maximum(dot(weighted, np.broadcast_to(ramp, weighted.shape)), np.float32(1e-6))
-        for k in range(3):
-            basis[k] -= (dot(weighted, basis[k]) / size) * ramp
+        flat = patches.reshape(-1, *weighted.shape)
+        for k in range(len(flat)):
+            flat[k] -= (dot(weighted, flat[k]) / size) * ramp
 
 
 def _warp(basis: Array, A: Array, radius: int) -> None:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.config import NoiseConfig, SdplConfig
+from slam.config import SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
-from slam.frontend.flow import predicted_flow
 from slam.frontend.follow import (
     REFINED_KIND,
     align_points,
@@ -21,7 +20,7 @@ from slam.frontend.follow import (
     follow_segments,
 )
 from slam.frontend.grid import GRID_KIND, OBJECT_GRID_KIND, grid_matches
-from slam.frontend.observe import NO_GROUP, Observation
+from slam.frontend.observe import Observation
 from slam.frontend.refine import RefineConfig as AlignConfig
 from slam.frontend.refine import prepare_image
 from slam.frontend.support import surface_image
@@ -304,7 +303,8 @@ class MotionStage:
                 why[group] = f"{share:.0%} of its matches follow one motion"
                 continue
             aligned = int(np.count_nonzero(members & good & (own.kind == REFINED_KIND)))
-            if image_flow and self._aligns(image_flow) and aligned < self.config.dynamic.min_matches:
+            needed = self.config.dynamic.min_matches
+            if image_flow and self._aligns(image_flow) and aligned < needed:
                 why[group] = f"{aligned} of its corners could be aligned"
                 continue
             objects.append(self._object(group, label, own, good, chi, motions))
@@ -314,7 +314,7 @@ class MotionStage:
             motions.T_a_b[0], motions.information[0], tuple(objects),
             tuple((labels_b[g - 1], reason) for g, reason in sorted(why.items())),
             matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
-            matched.line_index[lines_good], np.array(matched.lines.endpoints_b[lines_good]),
+            matched.line_index[lines_good], motions.refined_endpoints_b[lines_good],
             int(np.count_nonzero(good & static)), still_lines)
 
     def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,

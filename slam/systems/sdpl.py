@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from slam.config import SdplConfig
-from slam.dynamics.masks import associate, better_flow, flow_of_masks, overlaps
+from slam.dynamics.masks import associate, overlaps
 from slam.dynamics.objects import ObjectTable
 from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
 from slam.frontend.observe import Observation, observe
+from slam.frontend.picture import better_flow, flow_of_masks
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.systems.features import FeatureTracker
