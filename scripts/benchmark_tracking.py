@@ -7,7 +7,8 @@ and masks given (wanted: 25 ms a frame in the median), once with flow from the i
 40 ms). The first frames, in which functions are compiled and caches fill, are left out.
 
 A loaded machine is slower. So the load average is printed, and what a fixed piece of NumPy and
-OpenCV work takes before and after, over what it took on an idle machine of two cores.
+OpenCV work takes before and after: runs compare where this calibration is alike. The 10th
+percentile is what the least disturbed frames took.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def _print(title: str, passes: Sequence[Spent], wanted: float) -> None:
     objects = statistics.fmean(n for p in passes for n in p.objects)
     print(f"\n{title}: {sum(len(p.wall) for p in passes)} frames, {objects:.1f} object motions a "
           f"frame, {sum(p.lost for p in passes)} lost\n")
-    print("| stage | median ms | p95 ms |\n|---|---|---|")
+    print("| stage | median ms | p95 ms | p10 ms |\n|---|---|---|---|")
     stages = [stage for p in passes for stage in p.stages]
     for name in dict.fromkeys(key for stage in stages for key in stage):
         _row(name, [stage.get(name, 0.0) for stage in stages])
@@ -110,7 +111,8 @@ def _print(title: str, passes: Sequence[Spent], wanted: float) -> None:
 
 
 def _row(name: str, values: Sequence[float]) -> None:
-    print(f"| {name} | {np.median(values):.1f} | {np.percentile(values, 95):.1f} |")
+    p10, median, p95 = np.percentile(values, [10, 50, 95])
+    print(f"| {name} | {median:.1f} | {p95:.1f} | {p10:.1f} |")
 
 
 def _load() -> str:
