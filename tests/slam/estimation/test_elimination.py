@@ -95,6 +95,9 @@ def test_lines_have_the_minimum_of_pose_flows_and_depths_together(seed):
     sigma = np.sqrt(np.diag(np.linalg.inv(found.information[0])))
     assert np.all(np.abs(se3.log(se3.inverse(T) @ found.T_a_b[0])) < 0.05 * sigma)
     assert np.any(np.abs(se3.log(se3.inverse(T) @ T_true)) > 0.3 * sigma)   # not where we began
+    flow = x[6:6 + 4 * n].reshape(n, 2, 2)
+    assert_allclose(found.refined_endpoints_b, m.endpoints_b + flow, atol=5e-3)
+    assert np.abs(flow).max() > 0.1                                # there was something to recover
 
 
 def test_without_flow_optimisation_the_flow_stays_as_measured():
@@ -104,6 +107,10 @@ def test_without_flow_optimisation_the_flow_stays_as_measured():
     found = refine_motions(T[None], m, no_lines(), CAMERA, replace(EXACT, optimise_flow=False),
                            ONE, adapt=False)
     assert_allclose(found.refined_uv_b, m.uv_b, atol=0)
+    lines = random_lines(rng, T, 10)
+    found = refine_motions(T[None], m, lines, CAMERA, replace(EXACT, optimise_flow=False), ONE,
+                           adapt=False)
+    assert_allclose(found.refined_endpoints_b, lines.endpoints_b, atol=0)
 
 
 def test_without_flow_optimisation_matches_of_a_kind_weigh_alike():
