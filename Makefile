@@ -31,7 +31,7 @@ opengl:
 	@sh scripts/install_opengl.sh
 
 demo: $(READY) opengl
-	$(BIN)/simbench run SwingingBoxes-v0 --system sdpl --frames 90 --out demo
+	$(BIN)/simbench run SwingingBoxes-v0 --system sdpl --sensor kinect --flow dis --frames 90 --out demo
 	@echo "The report: $(CURDIR)/demo/report.html"
 
 test: $(READY) opengl
