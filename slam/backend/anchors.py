@@ -18,6 +18,7 @@ from slam.frontend.observe import NO_GROUP, Observation
 from slam.frontend.points import PointConfig, detect_points
 from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
 from slam.frontend.sampling import nearest
+from slam.frontend.support import patch_support, surface_image
 from slam.frontend.surface import fit_surfaces
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
@@ -62,7 +63,7 @@ class AnchorTracker:
     def __init__(self, intrinsics: Intrinsics, config: AnchorConfig, noise: NoiseConfig) -> None:
         self.intrinsics, self.config, self.noise = intrinsics, config, noise
         self.corners = PointConfig(object_count=config.object_count)
-        self.align = RefineConfig(without_ramps=True)
+        self.align = RefineConfig(without_ramps=True, min_correlation=0.95)
         self._alive = _no_anchors()
         self._images: dict[int, Array] = {}         # row of a keyframe -> its smoothed image
         self._poses: dict[tuple[int, int], Array] = {}   # (body, keyframe) -> T_body_camera
@@ -152,6 +153,10 @@ class AnchorTracker:
         slot = nearest(groups, uv)
         surface = fit_surfaces(current.rho, current.label_index, uv, self.noise.inverse_depth_sigma)
         keep = np.flatnonzero((surface.rho > 0) & (slot != NO_GROUP))
+        # A patch over the edge of a thing moves with the thing; what lies behind does not.
+        edges = surface_image(current.frame.depth_m, labels)
+        support = patch_support(edges, uv[keep], self.align.radius_px).mean(axis=0)
+        keep = keep[support >= self.config.min_support]
         keep = keep[self._has_room(bodies[slot[keep]])]
         uv, rho, body = uv[keep], surface.rho[keep], bodies[slot[keep]]
         if len(uv) == 0:

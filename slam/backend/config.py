@@ -13,6 +13,7 @@ class AnchorConfig:
     object_count: int = 200           # on each object
     every: int = 5                    # frames between detections of new landmarks
     misses: int = 3                   # frames in a row without a sighting that end a landmark
+    min_support: float = 0.95         # share of a patch that must lie on one surface
     max_depth_change: float = 0.1     # relative: farther off, something else is seen there
 
 
@@ -24,7 +25,7 @@ class BundleConfig:
     rounds: int = 2                   # renewals of the measured noise
     iterations: int = 8               # Levenberg-Marquardt steps a round, at most
     tolerance: float = 1e-5           # relative decrease of the objective that ends a round
-    misfit_chi2: float = 7.0          # a landmark with most sightings above is left out (χ²₃)
+    misfit_chi2: float = 5.0          # a landmark with most sightings above is left out (χ²₃)
     min_sightings: int = 2            # fewer: a landmark ties nothing together
 
 
@@ -35,4 +36,4 @@ class BackendConfig:
     # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
     # that many of them hold less than their noise claims; flow that was given has noise of its
     # own. Steps tracked on it weigh by this factor against sightings. Measured: docs/departures.md.
-    given_flow_weight: float = 30.0
+    given_flow_weight: float = 15.0

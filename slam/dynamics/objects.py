@@ -22,7 +22,8 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
-    H_world: Array | None = None     # (4, 4) its last motion over one frame, for prediction
+    H_world: Array | None = None     # (4, 4) its last motion, for prediction
+    over_s: float = 1.0              # the time that motion took
 
 
 @dataclass(slots=True)
@@ -61,11 +62,13 @@ class ObjectTable:
                        if stamp_s - s.seen_s <= self.config.forget_s}
         return tracks
 
-    def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array | None) -> bool:
+    def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array | None,
+               over_s: float) -> bool:
         """Record a motion; whether the object counts as dynamic, also through a short stop.
 
         Args:
             H_world: (4, 4) its motion, or None where it is not to be trusted for prediction.
+            over_s: the time between the two frames.
         """
         state = self.states[track]
         moved_s = stamp_s if moving else state.moved_s
@@ -73,17 +76,17 @@ class ObjectTable:
         still_s = stamp_s - max(state.first_s, moved_s)
         self.states[track] = replace(
             state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
-            H_world=H_world)
+            H_world=H_world, over_s=over_s)
         return dynamic
 
     def forget_motion(self, track: int) -> None:
         """The object's motion could not be told: nothing is predicted from an older one."""
         self.states[track] = replace(self.states[track], H_world=None)
 
-    def predicted_relative(self, track: int, T_world_previous: Array, dt_ratio: float) -> Array:
+    def predicted_relative(self, track: int, T_world_previous: Array, dt_s: float) -> Array:
         """(4, 4) motion expected of an object against the static world, in the previous camera."""
         state = self.states.get(track)
         if state is None or state.H_world is None or state.parked:
             return np.eye(4)
         in_camera = se3.inverse(T_world_previous) @ state.H_world @ T_world_previous
-        return np.asarray(se3.exp(se3.log(in_camera) * dt_ratio))
+        return np.asarray(se3.exp(se3.log(in_camera) * (dt_s / state.over_s)))

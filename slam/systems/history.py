@@ -77,7 +77,7 @@ class History:
                               found.points_a, dt_s, config, np.isfinite(state.moved_s))
             trusted = found.rigidity >= config.trusted_rigidity
             if objects.judged(track, is_moving, frame.stamp_s,
-                              estimate.H_world if trusted else None):
+                              estimate.H_world if trusted else None, dt_s):
                 moving[track] = estimate
             else:
                 still.append(found.label)

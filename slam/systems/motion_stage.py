@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.config import SdplConfig
+from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
@@ -29,7 +29,7 @@ from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches, join, no_lines, take
 from slam.systems.stopwatch import Stopwatch
-from slam.types import FlowField, Intrinsics
+from slam.types import FlowField, Frame, Intrinsics
 
 if TYPE_CHECKING:
     from slam.systems.features import FeatureTracker
@@ -90,7 +90,7 @@ class MotionStage:
     def __init__(self, intrinsics: Intrinsics, config: SdplConfig) -> None:
         self.intrinsics, self.config = intrinsics, config
         self.scales = NoiseScales(np.ones(_KINDS))
-        self._smooth: tuple[int, Array] | None = None
+        self._smooth: list[tuple[Frame, Array]] = []
         self._align = AlignConfig()
 
     def track(self, a: Observation, b: Observation, flow: FlowField, pairs: dict[int, int],
@@ -113,10 +113,11 @@ class MotionStage:
                               features, image_flow)
         clock.lap("match")
         expected = [T_a_b_expected]
+        dt_s = b.frame.stamp_s - a.frame.stamp_s
         for label in labels_b:
             known = state.get(pairs[label])
             relative = (np.eye(4) if known is None
-                        else objects.predicted_relative(known.track, T_world_a, 1.0))
+                        else objects.predicted_relative(known.track, T_world_a, dt_s))
             expected.append(se3.inverse(relative) @ T_a_b_expected)
         starts, why = self._starts(matched, expected, parked)
         clock.lap("start")
@@ -211,8 +212,8 @@ class MotionStage:
         use = self.config.refine.use
         return use == "always" or (use == "auto" and image_flow)
 
-    def _refine(self, matched: _Matched, starts: Array, parked: Array, config, remember: bool  # type: ignore[no-untyped-def]
-                ) -> Motions:
+    def _refine(self, matched: _Matched, starts: Array, parked: Array, config: MotionConfig,
+                remember: bool) -> Motions:
         points = matched.points(parked)
         motions = refine_motions(starts, points, matched.lines, self.intrinsics, config,
                                  self.scales, self.config.noise.adapt)
@@ -268,12 +269,12 @@ class MotionStage:
         return uv, J @ (per_pixel + t[:, :, None] * slopes[:, None, :])
 
     def _smoothed(self, observation: Observation) -> Array:
-        index = observation.frame.index
-        if self._smooth is not None and self._smooth[0] == index:
-            return self._smooth[1]
+        """The image prepared for alignment; the last two frames' are kept."""
+        for frame, smooth in self._smooth:
+            if frame is observation.frame:
+                return smooth
         smooth = prepare_image(observation.gray, self._align)
-        if self._smooth is None or index > self._smooth[0]:
-            self._smooth = (index, smooth)
+        self._smooth = [*self._smooth[-1:], (observation.frame, smooth)]
         return smooth
 
     def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],

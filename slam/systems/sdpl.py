@@ -107,8 +107,9 @@ class SdplSlam:
         """(H, W, 2) float32: what the motions so far lead to, and the pictures of new things."""
         T_b_a = se3.inverse(self._expected_motion(current.frame))
         states = self.objects.of_label(previous.frame.stamp_s)
+        dt_s = current.frame.stamp_s - previous.frame.stamp_s
         moving = {label: T_b_a @ self.objects.predicted_relative(
-                      s.track, self.history.T_world_camera, 1.0)
+                      s.track, self.history.T_world_camera, dt_s)
                   for label, s in states.items() if s.H_world is not None and not s.parked}
         flow = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a, moving,
                               self.intrinsics)
