@@ -24,7 +24,7 @@ class BundleConfig:
     kernel_width: float = 3.0         # of Cauchy's kernel, in standard deviations
     rounds: int = 2                   # renewals of the measured noise
     iterations: int = 8               # Levenberg-Marquardt steps a round, at most
-    tolerance: float = 1e-5           # relative decrease of the objective that ends a round
+    tolerance: float = 1e-4           # relative decrease of the objective that ends a round
     misfit_chi2: float = 5.0          # a landmark with most sightings above is left out (χ²₃)
     min_sightings: int = 2            # fewer: a landmark ties nothing together
 
