@@ -18,6 +18,7 @@ class NoiseConfig:
     inverse_depth_sigma: float = 0.002   # 1/m; σ_z = 0.002 z², a Kinect's or a good stereo rig's
     adapt: bool = True                # measure both from the residuals of each frame
     memory: float = 0.8               # weight of the earlier frames in the measured noise
+    learn_depth_offset: bool = True   # a common offset of all inverse depths, once it stands out
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,6 +72,31 @@ class PointFamily:
         va = self.var_a * self.depth_scale2
         return -va * np.sum(rw * jw, axis=1), va * va * np.sum(jw * jw, axis=1)
 
+    def common_offset(self, T: Array, group: int) -> tuple[float, float]:
+        """The offset of all inverse depths of a group, 1/m, with its standard deviation.
+
+        One unknown more beside the pose: what must be added to every measured inverse depth, in
+        both frames, for the residuals to be least. A stereo rig whose disparities are off by a
+        part of a pixel has one. (0, inf) where it cannot be told.
+        """
+        own = np.flatnonzero(self.m.group == group)
+        t = point_terms(T[group], self.rays[own], self.rho[own], self.m.uv_b[own],
+                        self.m.rho_b[own], self.camera)
+        r = t.r + t.J_rho * (self.m.rho_a[own] - self.rho[own])[:, None]
+        J = np.concatenate([t.J_pose, (t.J_rho - np.array([0.0, 0.0, 1.0]))[:, :, None]], axis=2)
+        r = np.einsum("nij,nj->ni", self.whitening[own], r)
+        J = self.whitening[own] @ J
+        chi2 = np.einsum("ni,ni->n", r, r)
+        weight = 1.0 / (1.0 + chi2 / self.config.kernel_width**2)
+        weight = np.where(np.isfinite(chi2), weight, 0.0)
+        r, J = np.nan_to_num(r), np.nan_to_num(J)
+        H = np.einsum("n,nki,nkj->ij", weight, J, J)
+        if not np.isfinite(H).all() or np.linalg.matrix_rank(H) < len(H):
+            return 0.0, np.inf
+        inverse = np.linalg.inv(H)
+        step = -inverse @ np.einsum("n,nki,nk->i", weight, J, r)
+        return float(step[6]), float(np.sqrt(max(inverse[6, 6], 0.0)))
+
     def accumulate(self, T: Array, cost: Array, H: Array, g: Array) -> Array:
         """Add this family to cost (G,), H (G, 6, 6) and g (G, 6); each point's whitened length."""
         return _accumulate_points(

@@ -39,6 +39,7 @@ class Motions:
     depth_scale: float        # the same of the inverse depths
     refined_uv_b: Array       # (N, 2) px: m + φ with the optimised flow of eq. (3)
     refined_rho_a: Array      # (N,) 1/m
+    depth_offset: tuple[float, float]   # 1/m, of all static inverse depths, and its deviation
     refined_endpoints_b: Array   # (L, 2, 2) px: a + φ_a and b + φ_b, the same
 
 
@@ -169,7 +170,8 @@ class _Problem:
         return Motions(T, information, self.points.accumulate(T, *unused),
                        self.lines.accumulate(T, *unused), np.sqrt(self.flow_scale2),
                        float(np.sqrt(self.depth_scale2)), self.points.refined_uv_b(T),
-                       self.points.rho, self.lines.refined_endpoints_b(T))
+                       self.points.rho, self.points.common_offset(T, group=0),
+                       self.lines.refined_endpoints_b(T))
 
 
 def _excess_scale2(square: Array, flow_part: Array, depth_part: Array, now2: float) -> float:

@@ -36,11 +36,19 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
     if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
         T_b_a = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
         tried.append(se3.inverse(T_b_a))
-    return min(tried, key=lambda T: _truncated_cost(T, xyz, sample.uv_b, camera, threshold))
+    return min(tried, key=lambda T: _truncated_cost(T, xyz, sample, camera, threshold))
 
 
-def _truncated_cost(T_a_b: Array, xyz: Array, uv_b: Array, camera: Intrinsics,
+def _truncated_cost(T_a_b: Array, xyz: Array, points: PointMatches, camera: Intrinsics,
                     threshold_px: float) -> float:
-    uv = pinhole.project(camera, se3.transform_points(se3.inverse(T_a_b), xyz))
-    square = np.sum((uv - uv_b) ** 2, axis=1)
-    return float(np.minimum(np.nan_to_num(square, nan=np.inf), threshold_px**2).sum())
+    """Squared distances, cut at the threshold, in the image and in the depth seen in b.
+
+    The depth tells a pose from its mirror image, which a small thing's pixels hardly do.
+    """
+    xyz_b = se3.transform_points(se3.inverse(T_a_b), xyz)
+    square = np.sum((pinhole.project(camera, xyz_b) - points.uv_b) ** 2, axis=1)
+    square = np.minimum(np.nan_to_num(square, nan=np.inf) / threshold_px**2, 1.0)
+    known = np.isfinite(points.rho_sigma_b) & (xyz_b[:, 2] > 0)
+    sigma = np.hypot(points.rho_sigma_a, np.where(known, points.rho_sigma_b, 1.0))
+    gap = 1.0 / np.where(known, xyz_b[:, 2], 1.0) - points.rho_b
+    return float(square.sum() + np.minimum((gap / (4.0 * sigma)) ** 2, 1.0)[known].sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,6 +24,13 @@ class Observation:
     rho: Array           # (H, W) float32 inverse depth, 0 = unknown
     labels: Array        # (n + 1,) mask labels; labels[0] = 0, the background
     label_index: Array   # (H, W) uint8: index into labels; 255 = a mask beyond the 254 largest
+
+    def shifted(self, offset: float) -> Observation:
+        """The same with an offset, 1/m, added to every inverse depth that is known."""
+        if offset == 0.0:
+            return self
+        moved = np.maximum(self.rho + np.float32(offset), np.float32(1e-6))
+        return replace(self, rho=np.where(self.rho > 0, moved, np.float32(0)))
 
     def groups(self, group_of_label: dict[int, int]) -> Array:
         """(H, W) uint8 motion group of each pixel: 0 on the background, 255 on unnamed masks."""

@@ -10,6 +10,7 @@ import numpy as np
 from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
+from slam.estimation.calibration import DepthOffset
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.follow import (
@@ -90,6 +91,7 @@ class MotionStage:
     def __init__(self, intrinsics: Intrinsics, config: SdplConfig) -> None:
         self.intrinsics, self.config = intrinsics, config
         self.scales = NoiseScales(np.ones(_KINDS))
+        self.depth_offset = DepthOffset()
         self._smooth: list[tuple[Frame, Array]] = []
         self._align = AlignConfig()
 
@@ -102,6 +104,7 @@ class MotionStage:
             pairs: mask label in b -> the same object's label in a.
             T_a_b_expected: (4, 4) camera motion expected.
         """
+        a, b = a.shifted(self.depth_offset.value), b.shifted(self.depth_offset.value)
         labels_b = sorted(pairs)
         state = objects.of_label(a.frame.stamp_s)
         group_of_a = {pairs[label]: g for g, label in enumerate(labels_b, start=1)}
@@ -125,6 +128,9 @@ class MotionStage:
             return _lost(why[0])
         matched = _without(matched, np.array(sorted(why), dtype=np.int64))
         motions, matched, parked = self._solve(a, b, matched, starts, parked, image_flow, clock)
+        if self.config.noise.learn_depth_offset:
+            more, sigma = motions.depth_offset
+            self.depth_offset = self.depth_offset.observed(self.depth_offset.value + more, sigma)
         return self._tracked(matched, motions, labels_b, why, parked, image_flow)
 
     def _match(self, a: Observation, b: Observation, flow: FlowField, group_of_a: dict[int, int],
@@ -144,6 +150,7 @@ class MotionStage:
             lines, line_index = follow_segments(
                 features.segments, _groups_of(features.segments.instance_id, group_of_a), flow,
                 labels_a, group_b, noise)
+            lines = replace(lines, rho_a=lines.rho_a + self.depth_offset.value)
         return _Matched(grid, corners, slopes, corner_index, lines, line_index)
 
     def _starts(self, matched: _Matched, expected: list[Array],
