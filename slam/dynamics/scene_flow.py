@@ -27,13 +27,21 @@ def moves(relative: Array, information_static: Array, information_object: Array,
     if len(points_a) == 0:
         return False
     flow_m = se3.transform_points(relative, points_a) - points_a
-    speed = np.linalg.norm(flow_m, axis=1) / dt_s
+    speed = np.linalg.norm(_beyond_depth_error(flow_m, points_a, config), axis=1) / dt_s
     threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points_a[:, 2]
     if moved_before:
         threshold *= _HYSTERESIS
     noise = _speed_sigma(information_static, points_a) + _speed_sigma(information_object, points_a)
     moving = speed > np.maximum(threshold, config.significance * noise / dt_s)
     return bool(np.mean(moving) > config.moving_share)
+
+
+def _beyond_depth_error(flow_m: Array, points_a: Array, config: DynamicConfig) -> Array:
+    """The scene flow less what a common error of the object's depths would give along the ray."""
+    rays = points_a / np.maximum(np.linalg.norm(points_a, axis=1, keepdims=True), 1e-9)
+    along = np.sum(flow_m * rays, axis=1)
+    allowed = config.common_inverse_depth_error * points_a[:, 2] ** 2
+    return flow_m - np.clip(along, -allowed, allowed)[:, None] * rays
 
 
 def _speed_sigma(information: Array, points: Array) -> Array:

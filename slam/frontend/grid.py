@@ -20,23 +20,28 @@ OBJECT_GRID_KIND = 1   # of the smaller cells on objects
 
 
 def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, group_b: Array,
-                 config: GridConfig, noise: NoiseConfig) -> PointMatches:
+                 config: GridConfig, noise: NoiseConfig, depth_scale: float = 1.0) -> PointMatches:
     """Cell means of a dense flow field as point matches.
+
+    Noise of z, σ_z = σ z², makes 1/z too large in the mean, by σ²/ρ; the means are freed of it.
 
     Args:
         flow: from a to b on a's pixels.
         rho_a, rho_b: (H, W) float32 inverse depths, 0 where unknown.
         group_a, group_b: (H, W) uint8 motion group of each pixel in its own frame, 0 = static,
             255 = to be left out. A pixel counts if it stays in its group.
+        depth_scale: measured over assumed standard deviation of the depth.
     """
     valid = np.zeros((0, 0), np.bool_) if flow.valid is None else flow.valid
     arguments = (np.ascontiguousarray(flow.flow_px, dtype=np.float32), valid, rho_a, rho_b,
                  group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma)
     static, _ = _cell_sums(config.static_cell_px, True, *arguments)
     objects, group = _cell_sums(config.object_cell_px, False, *arguments)
+    variance = (depth_scale * noise.inverse_depth_sigma) ** 2
     return join(_matches(static, np.zeros(len(static), np.int64), config.static_cell_px, GRID_KIND,
-                         config, noise),
-                _matches(objects, group, config.object_cell_px, OBJECT_GRID_KIND, config, noise))
+                         config, noise, variance),
+                _matches(objects, group, config.object_cell_px, OBJECT_GRID_KIND, config, noise,
+                         variance))
 
 
 @numba.njit(cache=True)
@@ -91,7 +96,7 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
 
 
 def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridConfig,
-             noise: NoiseConfig) -> PointMatches:
+             noise: NoiseConfig, rho_variance: float) -> PointMatches:
     keep = sums[:, 0] >= config.min_filled * cell_px**2
     sums, group = sums[keep], group[keep]
     n = sums[:, 0]
@@ -100,10 +105,16 @@ def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridCon
     known_b = sums[:, 6] > 0.9 * n
     rho_b = np.where(known_b, sums[:, 7] / np.maximum(sums[:, 6], 1.0), 0.0)
     sigma_rho = noise.inverse_depth_sigma / np.sqrt(n)
+    rho_a = _without_bias(mean[:, 4], rho_variance)
     variance = noise.flow_sigma_px**2 / n
     uv = mean[:, 0:2]
     return PointMatches(
-        uv_a=uv, rho_a=mean[:, 4], rho_sigma_a=sigma_rho, uv_b=uv + mean[:, 2:4],
-        flow_cov=variance[:, None, None] * np.eye(2), rho_b=rho_b,
+        uv_a=uv, rho_a=rho_a, rho_sigma_a=sigma_rho, uv_b=uv + mean[:, 2:4],
+        flow_cov=variance[:, None, None] * np.eye(2), rho_b=_without_bias(rho_b, rho_variance),
         rho_sigma_b=np.where(known_b, sigma_rho, np.inf), group=group,
         kind=np.full(len(n), kind))
+
+
+def _without_bias(rho: Array, variance: float) -> Array:
+    """Mean inverse depths less σ²/ρ, by a fifth at most."""
+    return np.asarray(rho - np.minimum(variance / np.maximum(rho, 1e-9), 0.2 * rho))

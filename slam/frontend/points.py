@@ -76,6 +76,12 @@ def _forbidden(shape: tuple[int, ...], instance_id: Array | None, existing_uv: A
         edge[:, :-1] |= across
         edge[1:] |= along
         edge[:-1] |= along
+        diagonal = instance_id[1:, 1:] != instance_id[:-1, :-1]
+        other = instance_id[1:, :-1] != instance_id[:-1, 1:]
+        edge[1:, 1:] |= diagonal
+        edge[:-1, :-1] |= diagonal
+        edge[1:, :-1] |= other
+        edge[:-1, 1:] |= other
         # Both pixels of a border are marked, so a box of margin − 1 leaves `margin` pixels free.
         blocked |= _grown(edge, config.mask_margin_px - 1)
     if existing_uv is not None and len(existing_uv):

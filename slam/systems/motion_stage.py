@@ -137,7 +137,8 @@ class MotionStage:
                group_b: Array, features: FeatureTracker, image_flow: bool) -> _Matched:
         config = self.config
         noise = config.noise
-        grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise)
+        grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise,
+                            self.scales.depth)
         if image_flow:
             grid = replace(grid, flow_cov=np.broadcast_to(
                 np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))

@@ -7,7 +7,7 @@ from slam.config import DynamicConfig
 from slam.dynamics.scene_flow import moves
 from slam.geometry import se3
 
-CONFIG = DynamicConfig(static_share_of_distance=0.0)
+CONFIG = DynamicConfig(static_share_of_distance=0.0, common_inverse_depth_error=0.0)
 SURE = np.eye(6) * 1e12          # information of poses known perfectly
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 4.0], [0.5, 0.5, 5.0], (50, 3))
 
@@ -66,3 +66,10 @@ def test_far_things_need_to_move_more():
         limit = 0.01 * np.quantile(points[:, 2], config.moving_share) * 0.1
         assert moves(shift(0, 1.05 * limit), SURE, SURE, points, 0.1, config)
         assert not moves(shift(0, 0.5 * limit), SURE, SURE, points, 0.1, config)
+
+
+def test_a_far_thing_whose_depth_alone_changes_does_not_move():
+    config, far = DynamicConfig(), POINTS + [0.0, 0.0, 40.0]
+    assert not moves(shift(2, 0.5), SURE, SURE, far, 0.1, config)     # along the ray: its depth
+    assert moves(shift(0, 0.5), SURE, SURE, far, 0.1, config)         # across it: seen
+    assert moves(shift(2, 2.0), SURE, SURE, far, 0.1, config)

@@ -82,14 +82,29 @@ def test_cells_are_the_means_of_their_usable_pixels(seed):
         assert (found.group[n], found.kind[n]) == (group, kind)
         assert_allclose(found.uv_a[n], uv, atol=1e-9)
         assert_allclose(found.uv_b[n], uv_b, atol=1e-5)
-        assert_allclose(found.rho_a[n], rho_a, rtol=1e-6)
+        assert_allclose(found.rho_a[n], freed(rho_a), rtol=1e-6)
         assert_allclose(found.flow_cov[n], NOISE.flow_sigma_px**2 / count * np.eye(2))
         assert_allclose(found.rho_sigma_a[n], NOISE.inverse_depth_sigma / np.sqrt(count))
         if rho_b is None:
             assert np.isinf(found.rho_sigma_b[n])
         else:
-            assert_allclose(found.rho_b[n], rho_b, rtol=1e-6)
+            assert_allclose(found.rho_b[n], freed(rho_b), rtol=1e-6)
             assert_allclose(found.rho_sigma_b[n], found.rho_sigma_a[n])
+
+
+def freed(rho):
+    """Of what Gaussian noise of z adds to the mean of 1/z."""
+    return rho - min(NOISE.inverse_depth_sigma**2 / rho, 0.2 * rho)
+
+
+def test_noise_of_the_depth_leaves_no_bias():
+    z_m = 30.0
+    rng = np.random.default_rng(1)
+    flow, _, _, group_a, group_b = uniform()
+    seen = z_m + NOISE.inverse_depth_sigma * z_m**2 * rng.normal(size=(2, *SIZE))
+    found = grid_matches(flow, *(1.0 / seen).astype(np.float32), group_a, group_b, CONFIG, NOISE)
+    error = np.mean(found.rho_a) * z_m - 1.0
+    assert abs(error) < 4 * NOISE.inverse_depth_sigma * z_m / np.sqrt(seen[0].size)
 
 
 def uniform(flow=(0.0, 0.0), group=0):
