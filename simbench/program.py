@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import subprocess
 import time
 from pathlib import Path
@@ -47,25 +48,35 @@ def run_program(system: str, sequence: Sequence, folder: Path, out: Path) -> Out
 
 
 def words_of(system: str) -> list[str]:
-    """The program and its arguments, with {sequence} and {out} in them. Raises UserError."""
+    """The program and its arguments, with {sequence} and {out} in them.
+
+    Raises:
+        UnknownName: there is no such program.
+        UserError: {sequence} or {out} is missing, quotes are open, or it may not be executed.
+    """
     template = system.removeprefix(PREFIX)
     if "{sequence}" not in template or "{out}" not in template:
         raise UserError(f"--system {system}: wanted command:\"program {{sequence}} {{out}}\"")
     try:
-        return shlex.split(template)
+        words = shlex.split(template)
+        if len(words) == 1:   # quoted as a whole, for a shell that took its own quotes away
+            words = shlex.split(words[0])
     except ValueError as error:
         raise UserError(f"--system {system}: {error}; mend the quotes") from None
+    if shutil.which(words[0]) is None:
+        if Path(words[0]).is_file():
+            raise UserError(f"--system {system}: {words[0]!r} may not be executed; chmod +x it")
+        raise UnknownName(f"--system {system}: no program {words[0]!r}; give its path")
+    return words
 
 
 def _output_of(words: list[str], system: str) -> str:
     try:
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                               errors="replace", check=False)
-    except FileNotFoundError:
-        raise UnknownName(f"--system {system}: no program {words[0]!r}; give its path") from None
-    except PermissionError:
-        raise UserError(f"--system {system}: {words[0]!r} may not be executed; chmod +x it"
-                        ) from None
+    except OSError as error:   # it is there and may be executed
+        raise UserError(f"--system {system}: {words[0]!r} cannot be started ({error.strerror}); "
+                        "check its first line, as in #!/bin/sh") from None
     if done.returncode != 0:
         last = done.stdout.strip().splitlines()[-1:] or ["it printed nothing"]
         raise UserError(f"--system {system}: {words[0]} ended with {done.returncode}: {last[0]}")

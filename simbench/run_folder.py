@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
 import tempfile
@@ -16,24 +17,55 @@ import yaml
 from simbench.datasets.rows import read_text
 from simbench.errors import BadFile
 from simbench.metrics.estimates import CameraEstimates, ObjectMotions
+from simbench.sequence import kind_of_folder
 from simbench.trajectory_files import tum_lines
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
 SCHEMA = 1
+_RUNNING = "running\n"   # log.txt until the run is done
+_SEQUENCE_FILES = ("sequence.json", "unfinished.json", "rgb.txt", "calib.txt")
+
+log = logging.getLogger(__name__)
 
 
 def prepare(folder: Path) -> None:
     """Make the folder and see that it can be written, before hours are spent on a run.
 
+    A run that is there is overwritten, and the log says so.
+
     Raises:
-        BadFile: a file stands in its place.
+        BadFile: a file stands in its place, or the folder is a sequence or holds other things.
         OSError: no permission, or no space.
     """
     if folder.exists() and not folder.is_dir():
         raise BadFile(f"{folder}: is a file, not a folder; choose another --out")
+    if kind_of_folder(folder) or any((folder / name).exists() for name in _SEQUENCE_FILES):
+        raise BadFile(f"{folder}: is a sequence, no place for a run; choose another --out")
+    if not _is_begun(folder):
+        if _is_run(folder):
+            log.warning("%s: overwriting the run that is there", folder)
+        elif folder.exists() and any(folder.iterdir()):
+            raise BadFile(f"{folder}: holds files that are no run; choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "log.txt", "running\n")
+    write_whole(folder / "log.txt", _RUNNING)
+
+
+def _is_begun(folder: Path) -> bool:
+    """A run began here and has not ended: it goes on, or was killed."""
+    try:
+        return (folder / "log.txt").read_bytes() == _RUNNING.encode()
+    except (FileNotFoundError, IsADirectoryError):
+        return False
+
+
+def _is_run(folder: Path) -> bool:
+    """There are metrics of ours, of whatever schema."""
+    try:
+        metrics = json.loads((folder / "metrics.json").read_bytes())
+    except (FileNotFoundError, IsADirectoryError, ValueError):
+        return False
+    return isinstance(metrics, dict) and {"schema", "system", "sequence"} <= metrics.keys()
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -103,6 +103,7 @@ def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path 
     camera, notes = read_camera(trajectory, stamps_s)
     motions, more = (_no_motions(camera), []) if objects is None \
         else read_motions(objects, stamps_s, camera)
+    _check_not_inside(out, trajectory, objects)
     run_folder.prepare(out)
     truth, exact = sequence.truth.trajectories, sequence.truth.has_images
     blocks = poses_and_motions_metrics(camera, motions, truth, exact)
@@ -121,6 +122,14 @@ def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path 
                          report_html=render_report(content), config=config, log=notes)
     return Outcome(metrics, tuple(notes), len(sequence),
                    int((~camera.pose_known).sum()))
+
+
+def _check_not_inside(out: Path, *files: Path | None) -> None:
+    """Estimates in `out` itself would be overwritten by the folder's own files of their names."""
+    for path in files:
+        if path is not None and path.resolve().parent == out.resolve():
+            raise UserError(f"--out {out}: holds {path.name}, which is to be scored; "
+                            "choose another --out")
 
 
 def head(system: str, sequence: RecordedSequence, frames: int) -> dict[str, Any]:

@@ -131,6 +131,7 @@ def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
 def _run_program(system: str, source: str, calibration: str | None, out: Path,
                  scene_settings: dict[str, Any]) -> Outcome:
     """A program reads a folder; a scene is rendered into RUN/sequence first."""
+    from simbench import run_folder
     from simbench.program import run_program, words_of
     from simbench.sequence import open_sequence
 
@@ -141,6 +142,7 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
         from simbench.generate import GenerateSettings, generate
 
         rendering = GenerateSettings.resolve(source, **scene_settings)
+        run_folder.prepare(out)
         folder = out / "sequence"
         with frame_progress(rendering.scene, rendering.frames) as advance:
             generate(rendering, folder, resume=True, on_frame=advance)

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from folders import tum_folder
 from simbench.cli import main
+from simbench.program import words_of
+from simbench.run_folder import prepare
 
 KITTI = Path(__file__).resolve().parents[4] / "shared" / "data" / "kitti_tracking_0003"
 SCENE = "SwingingBoxes-v0"
@@ -100,6 +103,40 @@ def test_a_program_runs_on_a_rendered_scene_and_is_scored(tmp_path):
     assert "rows" in (out / "log.txt").read_text()
 
 
+def test_a_command_in_quotes_is_the_same_command():
+    plain = words_of(f"command:{sys.executable} run {{sequence}} {{out}}")
+    assert plain == [sys.executable, "run", "{sequence}", "{out}"]
+    assert words_of(f"command:\"{sys.executable} run {{sequence}} {{out}}\"") == plain
+    assert words_of(f"command:'{sys.executable} run {{sequence}} {{out}}'") == plain
+
+
+def test_folders_that_are_no_runs_are_left_alone(tmp_path, still, capsys):
+    """A sequence, and whatever else is in the way; a run is overwritten, and that is said."""
+    sequence, notes, out = tum_folder(tmp_path / "tum"), tmp_path / "notes", tmp_path / "run"
+    notes.mkdir()
+    (notes / "trajectory.txt").write_text("mine")
+    words = ["run", str(sequence), "--system", still, "--out"]
+    for folder, says in ((sequence, "is a sequence"), (notes, "holds files that are no run")):
+        before = sorted(folder.rglob("*"))
+        assert main([*words, str(folder)]) == 2
+        assert says in capsys.readouterr().err
+        assert sorted(folder.rglob("*")) == before
+    assert main([*words, str(out)]) == 0
+    prepare(out)
+    assert (out / "log.txt").read_text() == "running\n"
+    assert main(["score", "--truth", str(sequence), "--trajectory", str(out / "trajectory.txt"),
+                 "--out", str(out)]) == 2
+    assert "which is to be scored" in capsys.readouterr().err
+
+
+def test_overwriting_a_run_is_said_once(tmp_path, caplog):
+    (tmp_path / "metrics.json").write_text('{"schema": 1, "system": "a", "sequence": {}}')
+    prepare(tmp_path)
+    prepare(tmp_path)
+    assert [r.getMessage() for r in caplog.records] == [
+        f"{tmp_path}: overwriting the run that is there"]
+
+
 def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
     out = ["--out", str(tmp_path / "out")]
     a_file = tmp_path / "file"
@@ -119,13 +156,14 @@ def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
         ([*scene, "sdpl", "--sensor", "konect", *out], "did you mean 'kinect'"),
         ([*scene, "sdpl", "--frames", "2", "--out", str(a_file)], "is a file, not a folder"),
         ([*scene, "command:ls", *out], "wanted command:"),
+        ([*scene, "command:./gone {sequence} {out}", *out], "no program './gone'"),
         (["score", "--truth", str(tmp_path / "gone"), "--trajectory", str(a_file), *out],
          "no such folder"),
         (["run", SCENE, *out], "--system"),
     ]
 
 
-@pytest.mark.parametrize("case", range(12))
+@pytest.mark.parametrize("case", range(13))
 def test_bad_input_gets_one_line_and_exit_code_2(tmp_path, capsys, case):
     words, says = bad_inputs(tmp_path)[case]
     assert main(words) == 2
