@@ -55,8 +55,8 @@ class MotionConfig:
     kernel: Literal["huber", "cauchy"] = "cauchy"   # the paper: huber
     kernel_width: float = 3.0         # in standard deviations of the whole residual
     rounds: int = 2                   # renewals of noise scales, covariances, inverse depths
-    iterations: int = 4               # Levenberg-Marquardt steps a round, at most
-    step_tolerance: float = 0.01      # standard deviations
+    iterations: int = 3               # Levenberg-Marquardt steps a round, at most
+    step_tolerance: float = 0.03      # standard deviations
     reprojection_sigma_px: float = 0.02   # Σ_p: what the pinhole and rigidity leave unexplained
     line_sigma_px: float = 0.05       # Σ_l: a rendered or seen edge is not a perfect line
     line_normalisation: Literal["pixel", "paper"] = "pixel"
@@ -68,8 +68,8 @@ class MotionConfig:
 class StartConfig:
     """P3P in RANSAC, from which the refinement starts."""
 
-    max_points: int = 400             # sampled evenly over the matches
-    iterations: int = 80
+    max_points: int = 200             # sampled evenly over the matches
+    iterations: int = 60
     threshold_px: float = 2.0         # at least; 4 σ of the flow where that is more
     min_points: int = 6               # fewer: no motion is estimated
     min_inlier_share: float = 0.2     # of the static matches; below it the frame is lost

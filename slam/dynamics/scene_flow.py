@@ -8,6 +8,7 @@ from slam.config import DynamicConfig
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
+_POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
 
 
@@ -26,6 +27,7 @@ def moves(relative: Array, information_static: Array, information_object: Array,
     """
     if len(points_a) == 0:
         return False
+    points_a = points_a[:: max(1, len(points_a) // _POINTS)]
     flow_m = se3.transform_points(relative, points_a) - points_a
     speed = np.linalg.norm(_beyond_depth_error(flow_m, points_a, config), axis=1) / dt_s
     threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points_a[:, 2]

@@ -23,6 +23,9 @@ from slam.residuals import LineTerms, camera_tuple, line_terms, point_row, point
 from slam.types import Intrinsics
 
 
+_OFFSET_POINTS = 1000     # are enough to tell a common offset
+
+
 def _alike_within_kinds(m: PointMatches) -> Array:
     """(N, 2, 2) isotropic covariances, the median of each kind."""
     variance = 0.5 * (m.flow_cov[:, 0, 0] + m.flow_cov[:, 1, 1])
@@ -67,10 +70,7 @@ class PointFamily:
 
     def depth_innovation(self, r: Array, j: Array) -> tuple[Array, Array]:
         """How far (N,) the residuals move each inverse depth, and that move's variance (N,)."""
-        rw = np.einsum("nij,nj->ni", self.whitening, r)
-        jw = np.einsum("nij,nj->ni", self.whitening, j)
-        va = self.var_a * self.depth_scale2
-        return -va * np.sum(rw * jw, axis=1), va * va * np.sum(jw * jw, axis=1)
+        return _depth_innovation(self.whitening, r, j, self.var_a * self.depth_scale2)
 
     def common_offset(self, T: Array, group: int) -> tuple[float, float]:
         """The offset of all inverse depths of a group, 1/m, with its standard deviation.
@@ -80,6 +80,7 @@ class PointFamily:
         part of a pixel has one. (0, inf) where it cannot be told.
         """
         own = np.flatnonzero(self.m.group == group)
+        own = own[:: max(1, len(own) // _OFFSET_POINTS)]
         t = point_terms(T[group], self.rays[own], self.rho[own], self.m.uv_b[own],
                         self.m.rho_b[own], self.camera)
         r = t.r + t.J_rho * (self.m.rho_a[own] - self.rho[own])[:, None]
@@ -114,6 +115,23 @@ class PointFamily:
         total = flow + np.eye(2) * self.config.reprojection_sigma_px**2
         moved = flow @ np.linalg.solve(total, t.r[:, :2, None])
         return np.asarray(self.m.uv_b + moved[:, :, 0])
+
+
+@numba.njit(cache=True)
+def _depth_innovation(W, r, j, var_a):  # type: ignore[no-untyped-def]
+    moved, allowed = np.empty(len(r)), np.empty(len(r))
+    for n in range(len(r)):
+        across = size = 0.0
+        for a in range(3):
+            rw = jw = 0.0
+            for b in range(a + 1):                   # W is lower triangular
+                rw += W[n, a, b] * r[n, b]
+                jw += W[n, a, b] * j[n, b]
+            across += rw * jw
+            size += jw * jw
+        moved[n] = -var_a[n] * across
+        allowed[n] = var_a[n] * var_a[n] * size
+    return moved, allowed
 
 
 @numba.njit(cache=True)
@@ -159,14 +177,17 @@ def _accumulate_points(T, group, rays, rho, rho_measured, uv_b, rho_b, whitening
         chi[i] = np.sqrt(chi2)
         weight, loss = robust(chi2, huber, width)
         cost[own] += loss
-        if weight == 0.0:                            # not finite: 0 times it would not be 0
+        if weight == 0.0:                            # not finite: 0 · NaN would spoil the sums
             continue
-        for a in range(3):
-            for c in range(6):
-                weighted = weight * Jw[a, c]
-                g[own, c] += weighted * rw[a]
-                for d in range(6):
-                    H[own, c, d] += weighted * Jw[a, d]
+        for c in range(6):
+            w0, w1, w2 = weight * Jw[0, c], weight * Jw[1, c], weight * Jw[2, c]
+            g[own, c] += w0 * rw[0] + w1 * rw[1] + w2 * rw[2]
+            for d in range(c + 1):                   # the lower triangle; mirrored at the end
+                H[own, c, d] += w0 * Jw[0, d] + w1 * Jw[1, d] + w2 * Jw[2, d]
+    for own in range(len(H)):
+        for c in range(6):
+            for d in range(c):
+                H[own, d, c] = H[own, c, d]
     return chi
 
 

@@ -22,6 +22,7 @@ from slam.types import Intrinsics
 _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
 _SMALLEST_SCALE2 = 1e-8        # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
+_MEDIAN_OF = 1000              # residuals are enough for a median
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
 _TILE_PRIOR = 6                # features that the whole image's noise counts for in a tile
 _TESTED = 0.1                  # share of a depth's variance that its residuals can explain
@@ -143,7 +144,7 @@ class _Problem:
                     # Too few to tell: the static world's flow has the same source.
                     self.flow_scale2[group, kind] = self.flow_scale2[0, kind]
                     continue
-                chosen = order[first:last]
+                chosen = order[first:last:max(1, (last - first) // _MEDIAN_OF)]
                 self.flow_scale2[group, kind] = _excess_scale2(
                     square[chosen], flow_part[chosen], depth_part[chosen],
                     self.flow_scale2[group, kind])
@@ -154,6 +155,7 @@ class _Problem:
         ratio = moved**2 / np.maximum(allowed, 1e-300)
         # A depth that neither parallax nor the second frame tests says nothing.
         tested = np.flatnonzero(allowed > _TESTED * self.points.var_a * self.points.depth_scale2)
+        tested = tested[:: max(1, len(tested) // (4 * _MEDIAN_OF))]
         static = tested[self.points.m.group[tested] == 0]
         if len(static) < _MIN_FOR_SCALE:
             return

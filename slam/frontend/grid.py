@@ -74,7 +74,7 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     there_u, there_v = u + flow[v, u, 0], v + flow[v, u, 1]
                     if not (-0.5 <= there_u < width - 0.5 and -0.5 <= there_v < height - 0.5):
                         continue
-                    to_u, to_v = int(np.floor(there_u + 0.5)), int(np.floor(there_v + 0.5))
+                    to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
                     if group_b[to_v, to_u] != own:
                         continue
                     seen = rho_b[to_v, to_u]
