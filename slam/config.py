@@ -44,7 +44,7 @@ class PointsConfig:
     """Corners that are followed over many frames."""
 
     static_count: int = 1000
-    object_count: int = 250           # on each object
+    object_count: int = 160           # on each object
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class SegmentsConfig:
     enabled: bool = True              # False: points only, as VDO-SLAM
     detector: Literal["edge_drawing", "lsd"] = "edge_drawing"   # the paper: lsd
     min_length_px: float = 25.0
-    max_count: int = 250              # the longest are kept
+    max_count: int = 150              # the longest are kept
     unseen_frames: int = 5            # frames that flow alone may carry a segment
 
 
