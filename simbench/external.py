@@ -38,6 +38,8 @@ def read_camera(path: Path, stamps_s: Array) -> tuple[CameraEstimates, list[str]
         BadFile: a broken row (the line is named), or no pose at any frame.
     """
     stamps, poses = read_tum_trajectory(path)
+    if len(stamps) == 0:
+        raise BadFile(f"{path}: has no rows; it must hold TUM rows, t tx ty tz qx qy qz qw")
     limit = tolerance(stamps_s)
     frame = frames_of_stamps(stamps_s, stamps, limit)
     if not np.any(frame >= 0):

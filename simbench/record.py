@@ -23,6 +23,14 @@ class RunRecord:
     result: SlamResult | None                     # None: `finish` failed, or gave what it may not
     finish_s: float | None
     log: tuple[str, ...]                          # what went wrong, one entry each
+    unreadable: tuple[str, ...] = ()              # of each frame that could not be read, why
+    faults: tuple[str, ...] = ()                  # of each frame the system failed on, why
+    finish_fault: str = ""                        # why `result` is None
+
+    @property
+    def failed(self) -> bool:
+        """The system failed on every frame it was given."""
+        return len(self.faults) > 0 and not bool(self.processed.any())
 
     @property
     def one_frame(self) -> Array:

@@ -58,6 +58,8 @@ class _Recorder:
     processed: list[bool] = field(default_factory=list)
     ms: list[float] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
+    unreadable: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
 
     def lose(self, k: int, stamp_s: float, reason: str, note: str = "") -> None:
         """Frame k has no estimate; the pose stays where it was."""
@@ -98,10 +100,11 @@ def run(system: System, feed: Feeds, *, progress: Callable[[int], None] | None =
             progress(k + 1)
     processed = np.array(recorder.processed, dtype=bool)
     stamps_s = np.asarray(feed.sequence.stamps_s)[:len(feed)].copy()
-    result, finish_s = _finish(system, stamps_s, recorder.log)
+    result, finish_s, fault = _finish(system, stamps_s, recorder.log)
     return RunRecord(stamps_s,
                      tuple(recorder.estimates), tuple(recorder.labels), processed,
-                     np.array(recorder.ms), result, finish_s, tuple(recorder.log))
+                     np.array(recorder.ms), result, finish_s, tuple(recorder.log),
+                     tuple(recorder.unreadable), tuple(recorder.faults), fault)
 
 
 def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
@@ -110,6 +113,7 @@ def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
     try:
         frame = feed.frame(k)
     except BadFrame as error:
+        recorder.unreadable.append(str(error))
         recorder.lose(k, stamp_s, str(error))
         return
     started = time.perf_counter()
@@ -118,13 +122,14 @@ def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
     except UserError:
         raise
     except Exception as error:
-        recorder.lose(k, stamp_s, f"the system raised {type(error).__name__}: {error}",
-                      "\n" + traceback.format_exc())
+        recorder.faults.append(f"the system raised {type(error).__name__}: {error}")
+        recorder.lose(k, stamp_s, recorder.faults[-1], "\n" + traceback.format_exc())
         return
     ms = 1e3 * (time.perf_counter() - started)
     fault = _fault_of(estimate)
     if fault:
-        recorder.lose(k, stamp_s, f"the system returned {fault}")
+        recorder.faults.append(f"the system returned {fault}")
+        recorder.lose(k, stamp_s, recorder.faults[-1])
         return
     recorder.keep(_without_bad_objects(estimate, recorder.log), feed.true_object_of_label(k), ms)
     for observer in observers:
@@ -132,17 +137,22 @@ def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
 
 
 def _finish(system: System, stamps_s: Array, log: list[str]
-            ) -> tuple[SlamResult | None, float | None]:
+            ) -> tuple[SlamResult | None, float | None, str]:
+    """The result and how long it took; without one, what was wrong."""
     started = time.perf_counter()
     try:
         result = system.finish()
         seconds = time.perf_counter() - started
+        if not isinstance(result, SlamResult):
+            fault = f"finish: the system returned {type(result).__name__}, wanted SlamResult"
+            log.append(fault)
+            return None, None, fault
         batch_camera(result, stamps_s)   # raises where a pose belongs to no frame
     except Exception as error:
-        log.append(f"finish: the system raised {type(error).__name__}: {error}\n"
-                   + traceback.format_exc())
-        return None, None
-    return result, seconds
+        fault = f"finish: the system raised {type(error).__name__}: {error}"
+        log.append(f"{fault}\n{traceback.format_exc()}")
+        return None, None, fault
+    return result, seconds, ""
 
 
 def _is_motion(T: Array) -> bool:

@@ -38,6 +38,8 @@ class Outcome:
     log: tuple[str, ...]
     frames: int
     lost: int
+    warnings: tuple[str, ...] = ()   # what to tell besides the tables
+    failure: str = ""                # the system failed on every frame; the first reason
 
 
 def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence[str] = (),
@@ -82,7 +84,8 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     run_folder.write_run(out, metrics=metrics, stamps_s=record.stamps_s, camera=online.camera,
                          motions=online.motions, report_html=render_report(content),
                          config=config, log=entries)
-    return Outcome(metrics, entries, len(feed), int(record.lost.sum()))
+    return Outcome(metrics, entries, len(feed), int(record.lost.sum()), _warnings(record),
+                   record.faults[0] if record.failed else "")
 
 
 def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path | None,
@@ -122,6 +125,16 @@ def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path 
                          report_html=render_report(content), config=config, log=notes)
     return Outcome(metrics, tuple(notes), len(sequence),
                    int((~camera.pose_known).sum()))
+
+
+def _warnings(record: RunRecord) -> tuple[str, ...]:
+    out = []
+    if record.unreadable:
+        frames = "1 frame" if len(record.unreadable) == 1 else f"{len(record.unreadable)} frames"
+        out.append(f"{frames} could not be read, first: {record.unreadable[0]}")
+    if record.finish_fault:
+        out.append(record.finish_fault)
+    return tuple(out)
 
 
 def _check_not_inside(out: Path, *files: Path | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,8 @@ def print_outcome(outcome: Outcome, out: Path) -> None:
     if outcome.lost:
         console.print(f"{outcome.lost} of {outcome.frames} frames have no pose", markup=False)
     if outcome.log:
-        console.print(f"{len(outcome.log)} entries in {out / 'log.txt'}", markup=False,
-                      soft_wrap=True)
+        entries = "1 entry" if len(outcome.log) == 1 else f"{len(outcome.log)} entries"
+        console.print(f"{entries} in {out / 'log.txt'}", markup=False, soft_wrap=True)
     console.print(f"report: {out / 'report.html'}", markup=False, soft_wrap=True)
+    for warning in outcome.warnings:
+        print("WARNING: " + " ".join(warning.split()), file=sys.stderr)

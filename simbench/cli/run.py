@@ -20,7 +20,7 @@ from simbench.cli.options import (
     collect_dials,
     parse_size,
 )
-from simbench.errors import UserError
+from simbench.errors import UnknownName, UserError
 
 if TYPE_CHECKING:
     from simbench.run_to_folder import Outcome
@@ -90,7 +90,7 @@ def run_command(
     scene_options = {"size": parse_size(size), "fps": fps, "dials": dials}
     only_scenes = [option for option, value in (
         ("--size", size), ("--fps", fps), ("--texture", texture), ("--rigidity", rigidity),
-        ("--dial", dial)) if value is not None]
+        ("--dial", dial), ("--sensor", sensor)) if value is not None]
     with captured_log() as said, _opened(source, calibration, seed, frames,
                                          scene_options, only_scenes) as sequence:
         feed = Feed(sequence, choice, seed, frames)
@@ -100,6 +100,11 @@ def run_command(
                 command={"source": source} | {k: v for k, v in scene_options.items() if v},
                 progress=lambda _done: advance())
     print_outcome(outcome, out)
+    if outcome.failure:
+        reason = " ".join(outcome.failure.split())
+        typer.echo(f"error: {system} failed on every frame, first: {reason}; see "
+                   f"{out / 'log.txt'}", err=True)
+        raise typer.Exit(1)
 
 
 @contextmanager
@@ -113,6 +118,7 @@ def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
                             "recorded, leave it out")
         yield open_sequence(source, calibration)
         return
+    _check_scene(source)
     from simbench.render import make_renderer
     from simbench.simulate import SimulatedSequence
     from simbench.world import make_world
@@ -141,9 +147,10 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
         from simbench.cli.progress import frame_progress
         from simbench.generate import GenerateSettings, generate
 
+        _check_scene(source)
         rendering = GenerateSettings.resolve(source, **scene_settings)
-        run_folder.prepare(out)
         folder = out / "sequence"
+        run_folder.prepare(out)   # a place for no run shows before a scene is rendered into it
         with frame_progress(rendering.scene, rendering.frames) as advance:
             generate(rendering, folder, resume=True, on_frame=advance)
     else:
@@ -153,6 +160,15 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
             raise UserError(f"{source}: --{asked.rstrip('s') if asked == 'dials' else asked} is "
                             "for scenes here; the program reads the folder as it is")
     return run_program(system, open_sequence(folder, calibration), folder, out)
+
+
+def _check_scene(source: str) -> None:
+    """Raises UnknownName where there is no such scene, and no such folder either."""
+    from simbench.scene import find_scene
+    try:
+        find_scene(source)
+    except UnknownName as error:
+        raise UnknownName(f"{error}; or give the path of a folder") from None
 
 
 def _looks_like_a_path(source: str) -> bool:

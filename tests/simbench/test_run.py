@@ -165,6 +165,25 @@ class Lost(PerturbedTruth):
                              status=Status.LOST, reason="no features")
 
 
+class Handless(PerturbedTruth):
+    """Forgets to return anything."""
+
+    def process(self, frame: Frame) -> FrameEstimate:
+        return None  # type: ignore[return-value]
+
+    def finish(self) -> SlamResult:
+        return None  # type: ignore[return-value]
+
+
+def test_a_system_that_fails_on_every_frame_has_failed():
+    record, _ = scored(Handless(TRUTH), broken=(0,))
+    assert record.failed
+    assert record.unreadable == ("rgb/0.png: truncated; replace it",)
+    assert record.faults[0] == "the system returned NoneType, wanted FrameEstimate"
+    assert record.finish_fault == "finish: the system returned NoneType, wanted SlamResult"
+    assert not scored(Faulty(TRUTH))[0].failed
+
+
 def test_a_system_that_never_tracks_has_coverage_zero_and_no_errors():
     record, metrics = scored(Lost(TRUTH))
     assert metrics["camera"] == {"coverage": 0.0}

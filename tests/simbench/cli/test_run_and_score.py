@@ -137,6 +137,19 @@ def test_overwriting_a_run_is_said_once(tmp_path, caplog):
         f"{tmp_path}: overwriting the run that is there"]
 
 
+def test_a_system_that_fails_on_every_frame_ends_with_1(tmp_path, capsys):
+    sequence, broken = tum_folder(tmp_path / "tum"), tmp_path / "broken.py"
+    broken.write_text("class A:\n def process(self, f): return 1\n def finish(self): pass\n"
+                      "def make(i): return A()\n")
+    (sequence / "rgb" / "2.png").unlink()
+    assert main(["run", str(sequence), "--system", f"{broken}:make",
+                 "--out", str(tmp_path / "run")]) == 1
+    error = capsys.readouterr().err.splitlines()
+    assert "failed on every frame, first: the system returned int" in error[-1]
+    assert any(x.startswith("WARNING: 1 frame could not be read, first: ") for x in error)
+    assert "WARNING: finish: the system returned NoneType, wanted SlamResult" in error
+
+
 def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
     out = ["--out", str(tmp_path / "out")]
     a_file = tmp_path / "file"
@@ -159,11 +172,13 @@ def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
         ([*scene, "command:./gone {sequence} {out}", *out], "no program './gone'"),
         (["score", "--truth", str(tmp_path / "gone"), "--trajectory", str(a_file), *out],
          "no such folder"),
+        (["score", "--truth", str(tum_folder(tmp_path / "tum")), "--trajectory", str(a_file),
+          *out], "has no rows"),
         (["run", SCENE, *out], "--system"),
     ]
 
 
-@pytest.mark.parametrize("case", range(13))
+@pytest.mark.parametrize("case", range(14))
 def test_bad_input_gets_one_line_and_exit_code_2(tmp_path, capsys, case):
     words, says = bad_inputs(tmp_path)[case]
     assert main(words) == 2
@@ -179,7 +194,8 @@ needs_kitti = pytest.mark.skipif(not KITTI.is_dir(), reason=f"{KITTI} is not her
 
 @needs_kitti
 def test_what_only_scenes_have_is_refused_for_folders(tmp_path, capsys, still):
-    for option, value in (("--texture", "0.5"), ("--size", "64x48"), ("--dial", "speed=1")):
+    for option, value in (("--texture", "0.5"), ("--size", "64x48"), ("--dial", "speed=1"),
+                          ("--sensor", "kinect")):
         assert main(["run", str(KITTI), "--system", still, option, value,
                      "--out", str(tmp_path)]) == 2
         assert f"{option} is for scenes" in capsys.readouterr().err
