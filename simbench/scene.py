@@ -48,6 +48,7 @@ class Dial:
     low: float
     high: float
     help: str
+    integer: bool = False   # a count: fractions are refused
 
 
 # Every scene has these two: they act on whatever textures and lights the model holds.
@@ -115,7 +116,7 @@ class SceneSpec:
         for name, value in (given or {}).items():
             if name not in values:
                 raise UnknownName(f"scene {self.name} has no dial {name!r}"
-                                  f"{_did_you_mean(name, values)}; it has {', '.join(values)}")
+                                  f"{_did_you_mean(name, values)}it has {', '.join(values)}")
             dial = next(dial for dial in self.dials if dial.name == name)
             try:
                 number = float(value)
@@ -124,6 +125,8 @@ class SceneSpec:
             if not dial.low <= number <= dial.high:
                 raise UserError(f"scene {self.name}: dial {name}={value} must be a number "
                                 f"from {dial.low:g} to {dial.high:g}")
+            if dial.integer and not number.is_integer():
+                raise UserError(f"scene {self.name}: dial {name}={value} must be a whole number")
             values[name] = number
         return values
 
@@ -167,7 +170,7 @@ def find_scene(name: str) -> SceneSpec:
     if colon and short not in _SCENES:
         _import_place(place)
     if short not in _SCENES:
-        raise UnknownName(f"no scene {short!r}{_did_you_mean(short, _SCENES)}; "
+        raise UnknownName(f"no scene {short!r}{_did_you_mean(short, _SCENES)}"
                           f"`simbench list` shows all {len(_SCENES)}")
     return _SCENES[short]
 
@@ -205,6 +208,7 @@ def _import_place(place: str) -> None:
 
 
 def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    """What goes between a complaint and the hint that ends it."""
     by_lower = {each.lower(): each for each in known}
-    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
-    return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
+    return f"; did you mean {by_lower[close[0]]!r}? " if close else "; "

@@ -12,30 +12,44 @@ import numpy as np
 from simbench.datasets.rows import read_numbers
 from simbench.errors import UserError
 from simbench.sequence import Sequence
-from simbench.storage import write_png
+from simbench.storage import write_bytes, write_png
 from simbench.trajectory_files import read_tum_trajectory
 from slam.geometry.arrays import Array
 from slam.types import Frame
 
 _ROWS = 6                # frames on a contact sheet
 _CELL_WIDTH_PX = 320
+_SUFFIXES = (".png", ".jpg")
 _GREYED = 0.45           # how much of the image shows through a mask
 
 
 def write_contact_sheet(sequence: Sequence, path: Path) -> None:
-    """A PNG: a row for each of up to six frames, with colour, depth, masks and flow.
+    """A PNG or JPEG: a row for each of up to six frames, with colour, depth, masks and flow.
 
     Masks and flow are the recording's own, else the true ones; columns without either are absent.
     Raises:
+        UserError: the path ends in neither .png nor .jpg, or its folder is missing.
         BadFrame: one of the frames cannot be read.
     """
+    _check_place(path)
     picks = np.unique(np.linspace(0, len(sequence) - 1, _ROWS).round().astype(int))
     rows = [[_titled(name, _shrunk(picture)) for name, picture in
              pictures(sequence, sequence.frame(int(k))).items()] for k in picks]
     width = max(len(row) for row in rows)
     blank = np.full_like(rows[0][0], 255)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_png(path, np.vstack([np.hstack(row + [blank] * (width - len(row))) for row in rows]))
+    sheet = np.vstack([np.hstack(row + [blank] * (width - len(row))) for row in rows])
+    if path.suffix.lower() == ".png":
+        write_png(path, sheet)
+        return
+    _, data = cv2.imencode(".jpg", np.ascontiguousarray(sheet[..., ::-1]))
+    write_bytes(path, data.tobytes())
+
+
+def _check_place(path: Path) -> None:
+    if path.suffix.lower() not in _SUFFIXES:
+        raise UserError(f"--contact-sheet {path}: its name must end in {' or '.join(_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise UserError(f"--contact-sheet {path}: there is no folder {path.parent}; make it first")
 
 
 def pictures(sequence: Sequence, frame: Frame) -> dict[str, Array]:

@@ -10,6 +10,8 @@ import typer
 
 from simbench.errors import UserError
 
+MAX_SIDE_PX = 8192   # what simbench.world allows, said before MuJoCo is loaded
+
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the scene and of all noise.")]
 Frames = Annotated[int | None, typer.Option(
     "--frames", min=1, help="How many frames; the scene's own number by default.")]
@@ -35,10 +37,13 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
     """"640x480" to (640, 480). Raises UserError when it is anything else."""
     if text is None:
         return None
-    match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip().lower())
+    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip().lower())
     if match is None:
         raise UserError(f"--size {text}: wanted width and height as in 640x480")
-    return int(match[1]), int(match[2])
+    size = int(match[1]), int(match[2])
+    if max(size) > MAX_SIDE_PX:
+        raise UserError(f"--size {text}: at most {MAX_SIDE_PX} pixels a side")
+    return size
 
 
 def collect_dials(dials: Iterable[str] | None, texture: float | None,

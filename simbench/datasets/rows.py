@@ -15,7 +15,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise BadFile(f"{path}: no such file; restore it") from None
+        raise BadFile(f"{path}: no such file; check the path") from None
     except UnicodeDecodeError:
         raise BadFile(f"{path}: not a text file; replace it") from None
     except OSError as error:

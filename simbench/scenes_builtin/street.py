@@ -37,7 +37,8 @@ DIALS = (
     Dial("rigidity", 1.0, 0.0, 1.0, "below 1 doors and tailgates of driving cars open and close"),
     Dial("speed", 1.0, 0.0, 3.0, "of the driving cars, as a factor of 6 to 8 m/s"),
     Dial("camera_speed", 1.0, 0.0, 3.0, "of the camera's car, as a factor of 6 to 7.5 m/s"),
-    Dial("objects", 7.0, 1.0, float(len(_ROLES)), "number of driving cars"),
+    Dial("objects", 7.0, 1.0, float(len(_ROLES)), "number of driving cars",
+         integer=True),
 )
 
 Progress = Callable[[float], float]   # time (s) to arc length (m) along a path

@@ -53,8 +53,8 @@ def find_sensor(name: str, settings: Mapping[str, Any] | None = None) -> SensorS
         UserError: a value that is not of the setting's type.
     """
     if name not in SENSORS:
-        closest = difflib.get_close_matches(name, SENSORS, n=1, cutoff=0.0)[0]
-        raise UnknownName(f"no sensor {name!r}; did you mean {closest!r}? "
-                          f"There are: {', '.join(SENSORS)}.")
+        close = difflib.get_close_matches(name, SENSORS, n=1, cutoff=0.5)
+        hint = f"; did you mean {close[0]!r}? There" if close else "; there"
+        raise UnknownName(f"no sensor {name!r}{hint} are: {', '.join(SENSORS)}.")
     given = (f"{path}={value}" for path, value in (settings or {}).items())
     return with_settings(SENSORS[name], given)

@@ -70,7 +70,7 @@ def test_calibration_is_taken_from_the_option(tmp_path, capsys):
 
 
 def test_a_contact_sheet_shows_what_there_is(generated, tmp_path):
-    sheet = tmp_path / "sheets" / "room.png"
+    sheet = tmp_path / "room.png"
     assert main(["view", str(generated), "--contact-sheet", str(sheet)]) == 0
     image = cv2.imread(str(sheet))
     assert image.shape[1] == 4 * 320   # colour, depth, masks, flow
@@ -79,6 +79,14 @@ def test_a_contact_sheet_shows_what_there_is(generated, tmp_path):
     assert main(["view", str(vdo_folder(tmp_path / "v", 1)), "--contact-sheet",
                  str(recording)]) == 0
     assert cv2.imread(str(recording)).shape[1] == 3 * 320
+
+
+@pytest.mark.parametrize(("name", "says"), [("gone/room.png", "there is no folder"),
+                                            ("room.gif", "must end in .png or .jpg")])
+def test_a_contact_sheet_that_cannot_be_is_refused(generated, tmp_path, capsys, name, says):
+    assert main(["view", str(generated), "--contact-sheet", str(tmp_path / name)]) == 2
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_view_names_the_extra_that_is_missing(generated, monkeypatch, capsys):
