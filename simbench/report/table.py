@@ -96,8 +96,8 @@ def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]
         listed = ", ".join(f"{name} {shown_number(floor['E_t'], scale)} {unit} / "
                            f"{shown_number(floor['E_R'])}°" for name, floor in floors)
         yield ("A straight line through the true motions themselves, with no vision at all, "
-               f"scores {listed}. Where a recording's truth jitters (GPS/INS), E below that "
-               "rewards smoothing; read the RPE over 10 frames.")
+               f"scores {listed}. E below that may come of smoothing; the RPE over 10 frames "
+               "tells.")
     still = [_object_name(k, b) for k, b in objects.items()
              if k != "mean" and not b.get("moving_frames", 1)]
     if still:
