@@ -11,6 +11,7 @@ import logging
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib import metadata
 from typing import Annotated
 
 import typer
@@ -35,9 +36,19 @@ _DEBUG = "--debug"
 _INTERRUPTED = 130
 
 
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"simbench {metadata.version('simbench-slam')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _common(debug: Annotated[bool, typer.Option(
-        _DEBUG, help="Show the traceback of an error; may stand anywhere.")] = False) -> None:
+def _common(
+        debug: Annotated[bool, typer.Option(
+            _DEBUG, help="Show the traceback of an error; may stand anywhere.")] = False,
+        version: Annotated[bool, typer.Option(
+            "--version", callback=_show_version, is_eager=True,
+            help="Show the version.")] = False) -> None:
     """A benchmark for dynamic SLAM with exact simulated truth."""
 
 

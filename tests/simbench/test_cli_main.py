@@ -3,6 +3,8 @@
 import errno
 import subprocess
 import sys
+from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +12,8 @@ from simbench import cli
 from simbench.cli import main, view
 from simbench.cli.options import collect_dials, parse_size
 from simbench.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(("words", "message"), [
@@ -93,6 +97,20 @@ def test_help_lists_the_commands_and_loads_nothing_heavy(capsys):
             "if m in ('mujoco', 'cv2', 'zarr', 'scipy', 'matplotlib', 'rich.progress')])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_version_is_shown(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"simbench {metadata.version('simbench-slam')}\n"
+
+
+def test_an_interrupt_while_modules_load_is_one_line(tmp_path):
+    (tmp_path / "simbench").mkdir()
+    (tmp_path / "simbench" / "__init__.py").write_text("raise KeyboardInterrupt\n")
+    code = (f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(ROOT)!r}]; "
+            "from simbench_command import main; sys.exit(main())")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def test_list_names_scenes_dials_systems_and_sensors(capsys):
