@@ -22,7 +22,6 @@ from slam.matches import LineMatches, PointMatches
 from slam.residuals import LineTerms, camera_tuple, line_terms, point_row, point_terms
 from slam.types import Intrinsics
 
-
 _OFFSET_POINTS = 1000     # are enough to tell a common offset
 
 

@@ -12,6 +12,8 @@ from slam.geometry.arrays import Array
 from slam.matches import PointMatches, take
 from slam.types import Intrinsics
 
+_LARGEST_TURN = 1.0    # rad from what is expected; a small thing's mirror image is farther
+
 
 def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, sigma_px: float,
                  candidates: Array) -> Array | None:
@@ -35,7 +37,10 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
         reprojectionError=threshold, confidence=0.999, flags=cv2.SOLVEPNP_P3P)
     if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
         T_b_a = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
-        tried.append(se3.inverse(T_b_a))
+        T_a_b = se3.inverse(T_b_a)
+        turn = se3.rotation_angle(np.swapaxes(candidates[:, :3, :3], 1, 2) @ T_a_b[:3, :3])
+        if turn.min() < _LARGEST_TURN:
+            tried.append(T_a_b)
     return min(tried, key=lambda T: _truncated_cost(T, xyz, sample, camera, threshold))
 
 

@@ -92,6 +92,7 @@ class MotionStage:
         self.intrinsics, self.config = intrinsics, config
         self.scales = NoiseScales(np.ones(_KINDS))
         self.depth_offset = DepthOffset()
+        self._noise_seen = False
         self._smooth: list[tuple[Frame, Array]] = []
         self._align = AlignConfig()
 
@@ -138,7 +139,7 @@ class MotionStage:
         config = self.config
         noise = config.noise
         grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise,
-                            self.scales.depth)
+                            self.scales.depth if self._noise_seen else 0.0)
         if image_flow:
             grid = replace(grid, flow_cov=np.broadcast_to(
                 np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))
@@ -229,7 +230,8 @@ class MotionStage:
             present = np.bincount(points.kind, minlength=_KINDS) > 0
             measured = np.median(motions.flow_scale, axis=0)
             measured[GRID_KIND] = motions.flow_scale[0, GRID_KIND]
-            keep = self.config.noise.memory
+            keep = self.config.noise.memory if self._noise_seen else 0.0
+            self._noise_seen = True
             self.scales = NoiseScales(
                 np.where(present, keep * self.scales.flow + (1 - keep) * measured,
                          self.scales.flow),

@@ -69,7 +69,7 @@ def test_far_things_need_to_move_more():
 
 
 def test_a_far_thing_whose_depth_alone_changes_does_not_move():
-    config, far = DynamicConfig(), POINTS + [0.0, 0.0, 40.0]
+    config, far = DynamicConfig(), POINTS + np.array([0.0, 0.0, 40.0])
     assert not moves(shift(2, 0.5), SURE, SURE, far, 0.1, config)     # along the ray: its depth
     assert moves(shift(0, 0.5), SURE, SURE, far, 0.1, config)         # across it: seen
     assert moves(shift(2, 2.0), SURE, SURE, far, 0.1, config)
