@@ -143,7 +143,6 @@ class MotionStage:
         if image_flow:
             grid = replace(grid, flow_cov=np.broadcast_to(
                 np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))
-        labels_a = a.label_index
         corners, slopes, corner_index = follow_points(
             features.points, _groups_of(features.points.instance_id, group_of_a), flow, a, b,
             group_b, noise)
@@ -151,7 +150,7 @@ class MotionStage:
         if config.segments.enabled and len(features.segments):
             lines, line_index = follow_segments(
                 features.segments, _groups_of(features.segments.instance_id, group_of_a), flow,
-                labels_a, group_b, noise)
+                a.label_index, group_b, noise)
             lines = replace(lines, rho_a=lines.rho_a + self.depth_offset.value)
         return _Matched(grid, corners, slopes, corner_index, lines, line_index)
 
