@@ -100,8 +100,7 @@ def generate(settings: GenerateSettings, out: Path, *, workers: int = 1, resume:
         OSError: the disk is full or the folder cannot be written.
     """
     world = settings.make_world()   # wrong values show before anything is written
-    identity = {"schema": storage.SCHEMA, **settings.as_json(), "versions": _versions(),
-                "gl_renderer": gl_renderer_name()}
+    identity = identity_of(settings)
     if _claim(out, identity, resume):
         for _ in range(settings.frames):
             on_frame()
@@ -167,6 +166,12 @@ class _Studio:
         shift[0, 3] = baseline_m
         world.camera_offset = world.camera_offset @ shift
         return self.renderer.rgb(world)
+
+
+def identity_of(settings: GenerateSettings) -> dict[str, Any]:
+    """All that decides the bytes of a sequence, as sequence.json holds it."""
+    return {"schema": storage.SCHEMA, **settings.as_json(), "versions": _versions(),
+            "gl_renderer": gl_renderer_name()}
 
 
 def _versions() -> dict[str, str]:

@@ -83,24 +83,29 @@ def write_whole(path: Path, text: str) -> None:
 
 
 def write_run(folder: Path, *, metrics: Mapping[str, Any], stamps_s: Array,
-              camera: CameraEstimates, motions: ObjectMotions, report_html: str,
+              camera: CameraEstimates, motions: ObjectMotions, report_html: str | None,
               config: Mapping[str, Any], log: Sequence[str]) -> None:
     """Write a run's folder; metrics.json comes last, so that with it the run is complete.
 
     Args:
         camera, motions: the estimates that `camera` and `objects` of the metrics score.
+        report_html: None leaves the report out.
         config: everything resolved, made `plain`.
     """
-    texts = {"trajectory.txt": tum_lines(stamps_s[camera.pose_known],
-                                         camera.T_world_camera[camera.pose_known]),
-             "object_motions.txt": motion_lines(motions, stamps_s),
-             "objects.txt": pose_lines(motions, stamps_s),
-             "report.html": report_html,
-             "config.yaml": yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
-             "log.txt": "".join(f"{entry.rstrip()}\n" for entry in log),
-             "metrics.json": metrics_text(metrics)}
+    texts: dict[str, str | None] = {
+        "trajectory.txt": tum_lines(stamps_s[camera.pose_known],
+                                    camera.T_world_camera[camera.pose_known]),
+        "object_motions.txt": motion_lines(motions, stamps_s),
+        "objects.txt": pose_lines(motions, stamps_s),
+        "report.html": report_html,
+        "config.yaml": yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
+        "log.txt": "".join(f"{entry.rstrip()}\n" for entry in log),
+        "metrics.json": metrics_text(metrics)}
     for name, text in texts.items():
-        write_whole(folder / name, text)
+        if text is None:
+            (folder / name).unlink(missing_ok=True)   # an earlier run's
+        else:
+            write_whole(folder / name, text)
 
 
 def metrics_text(metrics: Mapping[str, Any]) -> str:

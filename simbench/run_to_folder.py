@@ -7,6 +7,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,19 @@ from typing import Any
 import numpy as np
 
 from simbench import run_folder
+from simbench.content_hash import HashedFeed
 from simbench.errors import UserError
 from simbench.external import read_camera, read_motions
 from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.metrics.association import nearest_objects, owners
 from simbench.metrics.deforming import RigidFits, rigid_fit_metrics
-from simbench.metrics.estimates import CameraEstimates, ObjectMotions, motions_of_rows
+from simbench.metrics.estimates import (
+    CameraEstimates,
+    ObjectMotions,
+    camera_from_poses,
+    motions_of_rows,
+)
 from simbench.metrics.flow import FlowErrors
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import Filmstrip
@@ -39,19 +46,20 @@ class Outcome:
     frames: int
     lost: int
     warnings: tuple[str, ...] = ()   # what to tell besides the tables
-    failure: str = ""                # the system failed on every frame; the first reason
+    failure: str = ""                # the system lost the whole run; why
 
 
 def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence[str] = (),
                   command: Mapping[str, Any] | None = None,
                   progress: Callable[[int], None] | None = None,
-                  log: Sequence[str] = ()) -> Outcome:
+                  log: Sequence[str] = (), report: bool = True) -> Outcome:
     """Run a system over a feed, score it, and write the run's folder.
 
     Args:
         settings: "stage.field=value" for the system's configuration.
         command: what else belongs into config.yaml, such as the scene and its dials.
         log: what was said before the run began.
+        report: write report.html, which takes as long as some twenty frames.
     Raises:
         UserError: no such system or setting, or the system refuses this input.
         OSError: the folder cannot be written.
@@ -62,14 +70,17 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     exact = truth is not None and truth.has_images
     film = Filmstrip(len(feed))
     flow, fits = FlowErrors(truth if exact else None), RigidFits(truth if exact else None)
+    given = HashedFeed(feed)
+    observers = (film, flow, fits) if report else (flow, fits)
     with captured_log() as said:
-        record = run(system, feed, progress=progress, observers=(film, flow, fits))
+        record = run(system, given, progress=progress, observers=observers)
         trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
         scores = score(trajectories, record, exact=exact)
     entries = (*log, *said, *record.log)
     if flow.metrics():
         scores["flow"] = flow.metrics()
     metrics = head(system_name, feed.sequence, len(feed)) | scores
+    metrics["sequence"]["given_sha256"] = given.hexdigest()
     config = run_folder.plain({
         "system": system_name, **(command or {}), "seed": feed.seed, "frames": len(feed),
         "inputs": asdict(feed.choice), "settings": resolved,
@@ -82,19 +93,22 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
                                             online.camera, trajectories).items():
             metrics["objects"][key] |= block
     run_folder.write_run(out, metrics=metrics, stamps_s=record.stamps_s, camera=online.camera,
-                         motions=online.motions, report_html=render_report(content),
-                         config=config, log=entries)
+                         motions=online.motions, config=config, log=entries,
+                         report_html=render_report(content) if report else None)
     return Outcome(metrics, entries, len(feed), int(record.lost.sum()), _warnings(record),
-                   record.faults[0] if record.failed else "")
+                   f"failed on every frame, first: {record.faults[0]}" if record.failed else "")
 
 
-def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path | None,
-                    out: Path, *, system: str | None = None, log: Sequence[str] = ()) -> Outcome:
+def score_to_folder(sequence: RecordedSequence, trajectory: Path | None, objects: Path | None,
+                    out: Path, *, system: str | None = None, log: Sequence[str] = (),
+                    timing: Mapping[str, Any] | None = None) -> Outcome:
     """Score what another program estimated, and write the run's folder.
 
     Args:
+        trajectory: None where it estimated nothing: every frame is lost.
         system: what metrics.json calls it; the trajectory file's name by default.
         log: what the program said.
+        timing: how long it took and what memory it held, where that is known.
     Raises:
         UserError: the sequence has no truth.
         BadFile: a broken row in either file.
@@ -103,17 +117,20 @@ def score_to_folder(sequence: RecordedSequence, trajectory: Path, objects: Path 
     if sequence.truth is None:
         raise UserError(f"{sequence.name}: has no truth to score against")
     stamps_s = np.asarray(sequence.stamps_s)
-    camera, notes = read_camera(trajectory, stamps_s)
+    camera, notes = _no_camera(len(stamps_s)) if trajectory is None \
+        else read_camera(trajectory, stamps_s)
     motions, more = (_no_motions(camera), []) if objects is None \
         else read_motions(objects, stamps_s, camera)
     _check_not_inside(out, trajectory, objects)
     run_folder.prepare(out)
     truth, exact = sequence.truth.trajectories, sequence.truth.has_images
     blocks = poses_and_motions_metrics(camera, motions, truth, exact)
-    if objects is None:
+    if objects is None and trajectory is not None:
         del blocks["objects"]   # nobody estimated any: that is not a coverage of 0
     notes = [*log, *notes, *more]
-    metrics = head(system or trajectory.name, sequence, len(sequence)) \
+    blocks["timing"] = timing or {}
+    name = system or (trajectory.name if trajectory else "estimate")
+    metrics = head(name, sequence, len(sequence)) \
         | {key: block for key, block in blocks.items() if block}
     config = run_folder.plain({
         "truth": sequence.name, "trajectory": trajectory, "objects": objects,
@@ -151,6 +168,7 @@ def head(system: str, sequence: RecordedSequence, frames: int) -> dict[str, Any]
                                            "sha256": sequence.fingerprint()}}
 
 
+@cache
 def versions() -> dict[str, str]:
     """Of what the numbers may depend on."""
     names = ("simbench-slam", "numpy", "scipy", "opencv-contrib-python-headless", "mujoco")
@@ -164,6 +182,11 @@ def _installed(name: str) -> bool:
     except metadata.PackageNotFoundError:
         return False
     return True
+
+
+def _no_camera(frames: int) -> tuple[CameraEstimates, list[str]]:
+    known = np.zeros(frames, dtype=bool)
+    return camera_from_poses(np.repeat(np.eye(4)[None], frames, axis=0), known), []
 
 
 def _no_motions(camera: CameraEstimates) -> ObjectMotions:

@@ -6,9 +6,10 @@ import typer
 
 
 def list_command() -> None:
-    """Scenes with their dials, systems and sensors."""
+    """Scenes with their dials, systems, suites and sensors."""
     from simbench.scene import list_scenes
     from simbench.sensors.spec import SENSORS
+    from simbench.suites.files import list_suites, load_suite
     from slam.systems.registry import descriptions
 
     typer.echo("Scenes")
@@ -21,6 +22,9 @@ def list_command() -> None:
     typer.echo("\nSystems")
     for name, text in descriptions().items():
         typer.echo(f"  {name:<20} {text}")
+    typer.echo("\nSuites")
+    for name in list_suites():
+        typer.echo(f"  {name:<20} {' '.join(load_suite(name).description.split())}")
     typer.echo("\nSensors")
     for sensor in SENSORS.values():
         typer.echo(f"  {sensor.name:<20} {sensor.help}")

@@ -32,6 +32,13 @@ Calibration = Annotated[str | None, typer.Option(
     "--calibration", metavar="FILE",
     help="calibration.yaml of a folder that has none, or instead of its own.")]
 
+TimeLimit = Annotated[float | None, typer.Option(
+    "--time-limit", min=0.1, metavar="SECONDS",
+    help="End a command:\"program …\" that takes longer; the run is lost.")]
+MemoryLimit = Annotated[float | None, typer.Option(
+    "--memory-limit", min=1.0, metavar="MB",
+    help="End a command:\"program …\" that holds more; the run is lost.")]
+
 
 def parse_size(text: str | None) -> tuple[int, int] | None:
     """"640x480" to (640, 480). Raises UserError when it is anything else."""

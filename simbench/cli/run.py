@@ -13,16 +13,19 @@ from simbench.cli.options import (
     Calibration,
     DialValues,
     Fps,
+    MemoryLimit,
     Rigidity,
     Seed,
     Size,
     Texture,
+    TimeLimit,
     collect_dials,
     parse_size,
 )
 from simbench.errors import UnknownName, UserError
 
 if TYPE_CHECKING:
+    from simbench.program import Limits
     from simbench.run_to_folder import Outcome
     from simbench.sequence import Sequence
 
@@ -62,12 +65,12 @@ def run_command(
         settings: Annotated[list[str] | None, typer.Option(
             "--set", metavar="STAGE.FIELD=VALUE",
             help="A setting of the system; may be given several times.")] = None,
+        time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
 ) -> None:
     """Run a system and score it against the truth."""
-    from simbench.cli.error_table import print_outcome
     from simbench.cli.progress import frame_progress
     from simbench.inputs import Feed, InputChoice
-    from simbench.program import PREFIX
+    from simbench.program import PREFIX, Limits
     from simbench.run_to_folder import captured_log, run_to_folder
 
     dials = collect_dials(dial, texture, rigidity)
@@ -81,9 +84,13 @@ def run_command(
                                 f"leave {option} out")
         outcome = _run_program(system, source, calibration, out, {
             "seed": seed, "frames": frames, "size": parse_size(size), "fps": fps,
-            "sensor": sensor or "ideal", "dials": dials})
-        print_outcome(outcome, out)
+            "sensor": sensor or "ideal", "dials": dials},
+            Limits(time_limit, memory_limit))
+        _tell(system, outcome, out)
         return
+    if time_limit is not None or memory_limit is not None:
+        raise UserError(f"--{'time' if time_limit is not None else 'memory'}-limit: {system} runs "
+                        "inside simbench; limits are for command:\"program …\"")
     choice = InputChoice(flow=flow, masks=masks, boxes=boxes, depth=depth, sensor=sensor,
                          flow_sigma_px=flow_sigma, flow_noise_kind=flow_noise,
                          flow_noise_shape=flow_shape)
@@ -99,11 +106,17 @@ def run_command(
                 system, feed, out, settings=settings or (), log=tuple(said),
                 command={"source": source} | {k: v for k, v in scene_options.items() if v},
                 progress=lambda _done: advance())
+    _tell(system, outcome, out)
+
+
+def _tell(system: str, outcome: Outcome, out: Path) -> None:
+    """Print the tables. Exit code 1 where the system lost the whole run."""
+    from simbench.cli.error_table import print_outcome
+
     print_outcome(outcome, out)
     if outcome.failure:
         reason = " ".join(outcome.failure.split())
-        typer.echo(f"error: {system} failed on every frame, first: {reason}; see "
-                   f"{out / 'log.txt'}", err=True)
+        typer.echo(f"error: {system} {reason}; see {out / 'log.txt'}", err=True)
         raise typer.Exit(1)
 
 
@@ -135,7 +148,7 @@ def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
 
 
 def _run_program(system: str, source: str, calibration: str | None, out: Path,
-                 scene_settings: dict[str, Any]) -> Outcome:
+                 scene_settings: dict[str, Any], limits: Limits) -> Outcome:
     """A program reads a folder; a scene is rendered into RUN/sequence first."""
     from simbench import run_folder
     from simbench.program import run_program, words_of
@@ -159,7 +172,7 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
         if asked is not None:
             raise UserError(f"{source}: --{asked.rstrip('s') if asked == 'dials' else asked} is "
                             "for scenes here; the program reads the folder as it is")
-    return run_program(system, open_sequence(folder, calibration), folder, out)
+    return run_program(system, open_sequence(folder, calibration), folder, out, limits)
 
 
 def _check_scene(source: str) -> None:

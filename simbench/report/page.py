@@ -22,7 +22,7 @@ def render_report(content: ReportContent) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("simbench.report", "templates"),
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["indices"] = _indices
+    environment.filters["indices"] = indices
     metrics = content.metrics
     return environment.get_template("report.html.j2").render(
         system=metrics.get("system", "estimate"),
@@ -40,7 +40,7 @@ def render_report(content: ReportContent) -> str:
         log=list(content.log), version=_version())
 
 
-def _indices(text: str) -> Markup:
+def indices(text: str) -> Markup:
     """E_t and E_R with a true index."""
     safe = str(escape(text))
     for name in ("t", "R"):

@@ -1,0 +1,108 @@
+"""`simbench suite`: scenes × dials × seeds × systems."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simbench.cli.options import MemoryLimit, Size, TimeLimit, parse_size
+from simbench.errors import UserError
+
+if TYPE_CHECKING:
+    from simbench.suites.spec import Suite
+
+
+def suite_command(
+        name: Annotated[str, typer.Argument(
+            metavar="NAME", help="As `simbench list` names it, or a YAML file.")],
+        out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write.")],
+        systems: Annotated[str | None, typer.Option(
+            "--systems", metavar="a,b", help="Other systems than the suite's.")] = None,
+        seeds: Annotated[str | None, typer.Option(
+            "--seeds", metavar="0-9", help="Other seeds than the suite's.")] = None,
+        workers: Annotated[int | None, typer.Option(
+            "--workers", min=1, help="Processes; one for each processor by default.")] = None,
+        dask: Annotated[str, typer.Option(
+            "--dask", metavar="ADDRESS", help="The scheduler of a Dask cluster to run on.")] = "",
+        resume: Annotated[bool, typer.Option(
+            "--resume", help="Go on where a killed suite stopped.")] = False,
+        frames: Annotated[int | None, typer.Option(
+            "--frames", min=1, help="Only so many frames of each sequence.")] = None,
+        size: Size = None,
+        cache: Annotated[str, typer.Option(
+            "--cache", metavar="PLACE",
+            help="Folder or URL (fsspec) that keeps rendered sequences.")] = "",
+        reports: Annotated[str, typer.Option(
+            "--reports", help="Which runs get a report.html: of the first seed, all or none."
+        )] = "first",
+        time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
+) -> None:
+    """Run a suite and write one page of curves and tables."""
+    from simbench.cli.progress import run_progress
+    from simbench.program import Limits
+    from simbench.suites.files import load_suite
+    from simbench.suites.run_suite import Where, run_suite
+
+    if reports not in ("first", "all", "none"):
+        raise UserError(f"--reports {reports}: wanted first, all or none")
+    if dask and workers is not None:
+        raise UserError("--workers: the cluster has its own workers; leave it out with --dask")
+    suite = changed(load_suite(name), systems, seeds, frames, size)
+    where = Where(workers, dask, cache, reports, Limits(time_limit, memory_limit))
+    with run_progress(suite.name, _count(suite)) as show:
+        results = run_suite(suite, out, where, resume=resume, on_run=show)
+    _tell(results, out)
+
+
+def changed(suite: Suite, systems: str | None, seeds: str | None, frames: int | None,
+            size: str | None) -> Suite:
+    """The suite with what the command line says otherwise."""
+    from simbench.suites.spec import parse_seeds
+
+    return suite.changed(systems=None if systems is None else split_systems(systems),
+                         seeds=None if seeds is None else parse_seeds(seeds), frames=frames,
+                         size=parse_size(size))
+
+
+def split_systems(text: str) -> tuple[str, ...]:
+    """"a,b" to its names; a comma within quotes divides nothing. Raises UserError."""
+    outside_quotes = r",(?=(?:[^\"']|\"[^\"]*\"|'[^']*')*$)"
+    names = tuple(each.strip() for each in re.split(outside_quotes, text))
+    if not all(names):
+        raise UserError(f"--systems {text!r}: wanted names with commas between, as in sdpl,vdo")
+    if len(set(names)) < len(names):
+        raise UserError(f"--systems {text!r}: a system is named twice")
+    return names
+
+
+def _count(suite: Suite) -> int:
+    return sum(1 for _ in suite.cells()) * len(suite.systems) * len(suite.seeds)
+
+
+def _tell(results: dict[str, Any], out: Path) -> None:
+    """The table of the terminal. Exit code 1 where a run was lost or failed."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from simbench.report.suite_page import summary_table
+
+    console = Console(highlight=False, width=500)   # lines break where the terminal ends
+    shown = summary_table(results)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, column in enumerate(shown.columns):
+        table.add_column(column, justify="left" if i == 0 else "right")
+    for row in shown.rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print("means over the seeds [95 % by bootstrap]", markup=False)
+    console.print(f"report: {out / 'report.html'}", markup=False, soft_wrap=True)
+    bad = [run for run in results["runs"] if run["status"] != "done"]
+    if bad:
+        first = bad[0]
+        typer.echo(f"error: {len(bad)} of {len(results['runs'])} runs lost or failed, first: "
+                   f"{first['folder']}: {first['reason']}", err=True)
+        raise typer.Exit(1)

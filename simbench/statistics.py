@@ -1,0 +1,85 @@
+"""What a handful of seeds says: bootstrap intervals, paired changes, how many seeds are enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from slam.geometry.arrays import Array
+
+LEVEL = 0.95
+_RESAMPLES = 9999
+_MOST_SEEDS = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean over seeds and the interval that holds it; one seed gives no interval."""
+
+    mean: float
+    low: float | None
+    high: float | None
+    n: int
+
+
+def mean_interval(values: Sequence[float] | Array, level: float = LEVEL) -> Interval:
+    """Mean of the values (n,) with its bootstrap interval, by percentiles of the resampled means.
+
+    Equal values give equal intervals. The percentile method is narrow for few seeds: of means of
+    five log-normal values it holds 80 %, of ten 87 %, where 95 % was asked for (docs/results.md).
+
+    Raises:
+        ValueError: there is no value.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if not len(values):
+        raise ValueError("the mean of no values")
+    mean = float(values.mean())
+    if len(values) == 1:
+        return Interval(mean, None, None, 1)
+    found = stats.bootstrap((values,), np.mean, confidence_level=level, n_resamples=_RESAMPLES,
+                            method="percentile", rng=np.random.default_rng(0)).confidence_interval
+    # A mean of resampled equal values may differ from theirs in the last bit.
+    return Interval(mean, min(float(found.low), mean), max(float(found.high), mean), len(values))
+
+
+def worse_than(values: Sequence[float] | Array, bound: float) -> float:
+    """The one-sided p-value of Student's t for "the mean of these values (n,) is ≤ `bound`".
+
+    One value says nothing of the noise: 0 above the bound, 1 else. So do values that are equal.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if len(values) < 2 or np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
+        return 0.0 if float(values.mean()) > bound else 1.0
+    return float(stats.ttest_1samp(values, bound, alternative="greater").pvalue)
+
+
+def holm_rejected(p_values: Sequence[float] | Array, alpha: float) -> Array:
+    """(m,) bool: which of m hypotheses fall, with at most `alpha` for any false one (Holm 1979)."""
+    p = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(p, kind="stable")
+    passes = p[order] <= alpha / np.arange(len(p), 0, -1)
+    rejected = np.zeros(len(p), dtype=bool)
+    rejected[order[:int(np.argmin(np.append(passes, False)))]] = True
+    return rejected
+
+
+def seeds_needed(values: Sequence[float] | Array, resolution: float,
+                 level: float = LEVEL) -> int | None:
+    """How many seeds make the interval of the mean ± `resolution` wide, by these values' spread.
+
+    For the difference of two systems give the paired differences: they spread far less.
+    None where one value, or none, tells nothing of the spread.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if len(values) < 2:
+        return None
+    if resolution <= 0:
+        raise ValueError(f"resolution {resolution}: wanted more than 0")
+    n = np.unique(np.geomspace(2, _MOST_SEEDS, 4000).astype(np.int64))
+    half = stats.t.ppf(0.5 + 0.5 * level, n - 1) * values.std(ddof=1) / np.sqrt(n)
+    enough = half <= resolution
+    return int(n[np.argmax(enough)]) if enough.any() else _MOST_SEEDS

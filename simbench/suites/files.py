@@ -1,0 +1,220 @@
+"""Suites from YAML: those of the package by name, the user's own by path."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from simbench.errors import BadFile, UnknownName, UserError
+from simbench.metric_names import SHOWN, find_metric
+from simbench.sensors.spec import find_sensor
+from simbench.suites.spec import (
+    INPUTS,
+    SCHEMA,
+    SENSOR,
+    SETTING,
+    Case,
+    Suite,
+    Value,
+    parse_seeds,
+)
+
+_MOST_BYTES = 1_000_000
+_MOST_RUNS = 100_000
+_TOP = ("schema", "name", "version", "description", "systems", "seeds", "metrics", "defaults",
+        "cases")
+_OF_CASE = ("scene", "folder", "calibration", "frames", "size", "fps", "dials", "set", "sweep",
+            "sensor_settings", *INPUTS)
+_NAME = re.compile(r"[A-Za-z0-9][\w.+-]*")
+
+
+def list_suites() -> list[str]:
+    """The names of the suites in the package."""
+    return sorted(path.name.removesuffix(".yaml") for path in _builtin().iterdir()
+                  if path.name.endswith(".yaml"))
+
+
+def load_suite(name: str) -> Suite:
+    """A suite of the package by name, or of a YAML file by path.
+
+    Raises:
+        UnknownName: no such suite.
+        BadFile: the file cannot be read, or is no suite; the message says where.
+    """
+    if name.endswith((".yaml", ".yml")) or "/" in name:
+        return read_suite(Path(name))
+    known = list_suites()
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {close[0]!r}? There" if close else "; there"
+        raise UnknownName(f"no suite {name!r}{hint} are {', '.join(known)}; or give the path of "
+                          "a YAML file")
+    return read_suite(Path(str(_builtin() / f"{name}.yaml")))
+
+
+def read_suite(path: Path) -> Suite:
+    """The suite in a YAML file. Nothing in it is executed.
+
+    Raises:
+        BadFile: it cannot be read, or a key or value is wrong; the message says which.
+    """
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise BadFile(f"{path}: larger than 1 MB; this is no suite")
+        value = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadFile(f"{path}: {error.strerror}; give the YAML file of a suite") from None
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f":{mark.line + 1}" if mark is not None else ""
+        raise BadFile(f"{path}{where}: not YAML ({getattr(error, 'problem', None) or error})"
+                      ) from None
+    try:
+        return _suite(value)
+    except UserError as error:
+        raise BadFile(f"{path}: {error}") from None
+
+
+def _builtin() -> Any:
+    return importlib.resources.files("simbench.suites") / "builtin"
+
+
+def _suite(value: Any) -> Suite:
+    top = _mapping(value, "the file", _TOP)
+    if top.get("schema") != SCHEMA:
+        raise UserError(f"schema is {top.get('schema')!r}, wanted {SCHEMA}")
+    cases = top.get("cases")
+    if not isinstance(cases, Mapping) or not cases:
+        raise UserError("cases: wanted a mapping of at least one name to a case")
+    defaults = _mapping(top.get("defaults") or {}, "defaults", _OF_CASE)
+    suite = Suite(
+        name=_name(top.get("name"), "name"), version=_whole(top.get("version", 1), "version"),
+        description=str(top.get("description", "")),
+        cases=tuple(_case(name, body, defaults) for name, body in cases.items()),
+        systems=_names(top.get("systems"), "systems"), seeds=_seeds(top.get("seeds", "0-4")),
+        metrics=_names(top.get("metrics", list(SHOWN)), "metrics"))
+    for metric in suite.metrics:
+        find_metric(metric)
+    runs = sum(math.prod(len(v) for _, v in case.sweep) for case in suite.cases) \
+        * len(suite.systems) * len(suite.seeds)
+    if runs > _MOST_RUNS:
+        raise UserError(f"{runs} runs; at most {_MOST_RUNS}")
+    return suite
+
+
+def _case(name: Any, body: Any, defaults: Mapping[str, Any]) -> Case:
+    where = f"case {name}"
+    own = _mapping(body or {}, where, _OF_CASE)
+    merged = {**defaults, **own}
+    for key in ("dials", "sweep", "sensor_settings"):
+        merged[key] = {**_mapping(defaults.get(key) or {}, f"defaults: {key}"),
+                       **_mapping(own.get(key) or {}, f"{where}: {key}")}
+    if bool(merged.get("scene")) == bool(merged.get("folder")):
+        raise UserError(f"{where}: wanted either scene or folder")
+    case = Case(
+        name=_name(name, "cases"), scene=str(merged.get("scene") or ""),
+        folder=str(merged.get("folder") or ""), calibration=str(merged.get("calibration") or ""),
+        frames=None if merged.get("frames") is None else _whole(merged["frames"],
+                                                                f"{where}: frames"),
+        size=_size(merged.get("size"), where),
+        fps=None if merged.get("fps") is None else _number(merged["fps"], f"{where}: fps"),
+        dials={key: _number(v, f"{where}: dial {key}") for key, v in merged["dials"].items()},
+        inputs={key: _value(merged[key], f"{where}: {key}") for key in INPUTS if key in merged},
+        sensor_settings={key: _value(v, f"{where}: sensor_settings: {key}")
+                         for key, v in merged["sensor_settings"].items()},
+        settings=_names(merged.get("set") or [], f"{where}: set", least=0),
+        sweep=tuple((key, _swept(v, f"{where}: sweep: {key}"))
+                    for key, v in merged["sweep"].items()))
+    for point in case.points():
+        _check_inputs(case.at(point), where)
+    return case
+
+
+def _check_inputs(case: Case, where: str) -> None:
+    """A wrong input is named before anything is rendered."""
+    if isinstance(case.inputs.get("flow_sigma", 0), str):
+        raise UserError(f"{where}: flow_sigma: {case.inputs['flow_sigma']!r} is not a number")
+    choice = case.choice()
+    try:
+        find_sensor(choice.sensor or "ideal", choice.sensor_settings)
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from None
+
+
+def _swept(value: Any, where: str) -> tuple[Value, ...]:
+    if not isinstance(value, list) or not value:
+        raise UserError(f"{where}: wanted a list of values")
+    values = tuple(_value(each, where) for each in value)
+    if len(set(values)) < len(values):
+        raise UserError(f"{where}: a value stands there twice")
+    name = where.rpartition(": ")[2]
+    if name not in INPUTS and not name.startswith((SENSOR, SETTING)):
+        values = tuple(_number(each, where) for each in values)
+    return values
+
+
+def _mapping(value: Any, where: str, known: tuple[str, ...] | None = None) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise UserError(f"{where}: wanted a mapping of names to values")
+    for key in value if known is not None else ():
+        if known is not None and key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
+            raise UserError(f"{where}: no key {key!r}{hint}")
+    return dict(value)
+
+
+def _value(value: Any, where: str) -> Value:
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)) \
+            or (isinstance(value, float) and not math.isfinite(value)):
+        raise UserError(f"{where}: {value!r} is neither a number nor a word; quote words such as "
+                        "'none'" if value is None or isinstance(value, bool) else
+                        f"{where}: {value!r} is neither a finite number nor a word")
+    return value
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise UserError(f"{where}: {value!r} is not a number")
+    return float(value)
+
+
+def _whole(value: Any, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise UserError(f"{where}: {value!r} is not a whole number from 1")
+    return value
+
+
+def _name(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise UserError(f"{where}: {value!r} is no name of letters, digits, . _ + and -")
+    return value
+
+
+def _names(value: Any, where: str, least: int = 1) -> tuple[str, ...]:
+    if not isinstance(value, list) or len(value) < least \
+            or not all(isinstance(each, str) for each in value):
+        raise UserError(f"{where}: wanted a list of names")
+    if len(set(value)) < len(value):
+        raise UserError(f"{where}: a name stands there twice")
+    return tuple(value)
+
+
+def _seeds(value: Any) -> tuple[int, ...]:
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        raise UserError(f"seeds: {value!r} is no range; wanted as in 0-9 or 0,3,7")
+    return parse_seeds(value)
+
+
+def _size(value: Any, where: str) -> tuple[int, int] | None:
+    match = None if value is None else re.fullmatch(r"(\d{1,4})x(\d{1,4})", str(value))
+    if value is not None and match is None:
+        raise UserError(f"{where}: size {value!r}: wanted width and height as in 640x480")
+    return None if match is None else (int(match[1]), int(match[2]))

@@ -1,0 +1,93 @@
+"""A suite's folder: what was begun in it, and which runs are done.
+
+    suite.json               the suite as it was asked for; written first
+    records/KEY.json         one for each run that is done, written whole after its folder
+    runs/CASE/POINT/SYSTEM/SEED    each as `simbench run` leaves it
+    results.json results.csv timing.json report.html    when all is done
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from simbench.errors import BadFile, UserError
+from simbench.storage import write_bytes, write_json
+from simbench.suites.jobs import Run, Task
+from simbench.suites.spec import Suite
+from simbench.suites.work import TaskResult
+
+SUITE, RECORDS, RUNS = "suite.json", "records", "runs"
+SCHEMA = 1
+
+
+class SuiteFolder:
+    """Where a suite's runs are written, each once it is whole."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+
+    def claim(self, suite: Suite, resume: bool) -> None:
+        """Make the folder ours.
+
+        Systems and seeds may be added when a suite is resumed; what was done stays.
+
+        Raises:
+            UserError: the folder holds something else, or was begun with another suite.
+        """
+        if self.out.exists() and not self.out.is_dir():
+            raise UserError(f"{self.out}: is a file, not a folder; choose another --out")
+        if self.out.is_dir() and any(self.out.iterdir()):
+            if not resume:
+                raise UserError(f"{self.out}: the folder is not empty; choose another --out, or "
+                                "give --resume to finish a suite that was begun there")
+            begun = read_json_object(self.out / SUITE, "no suite was begun here; choose another "
+                                                       "--out")
+            if begun.get("name") != suite.name or begun.get("version") != suite.version:
+                raise UserError(f"{self.out}: suite {begun.get('name')!r} version "
+                                f"{begun.get('version')!r} was begun here, not {suite.name!r} "
+                                f"version {suite.version}; choose another --out")
+        (self.out / RECORDS).mkdir(parents=True, exist_ok=True)
+        write_json(self.out / SUITE, {"schema": SCHEMA, **suite.as_json()})
+
+    def record_of(self, run: Run) -> dict[str, Any] | None:
+        """The record of a run that is done, or None. A broken record counts as none."""
+        try:
+            found = json.loads((self.out / RECORDS / f"{run.key}.json").read_bytes())
+        except (FileNotFoundError, ValueError):
+            return None
+        whole = isinstance(found, dict) and {"record", "timing", "meaning"} <= found.keys()
+        return found if whole else None
+
+    def keep(self, task: Task, result: TaskResult) -> None:
+        """Write the runs of a task: the files of each, then its record."""
+        for run, each in zip(self._same(task, result), result.runs, strict=True):
+            folder = self.out / run.folder
+            if folder.exists():
+                shutil.rmtree(folder)       # of a try that failed, or that was cut short
+            folder.mkdir(parents=True)
+            for name, data in each.files.items():
+                write_bytes(folder / name, data)
+            write_json(self.out / RECORDS / f"{run.key}.json",
+                       {"record": each.record, "timing": each.timing, "meaning": result.meaning})
+
+    @staticmethod
+    def _same(task: Task, result: TaskResult) -> Iterable[Run]:
+        by_key = {run.key: run for run in task.runs}
+        return [by_key[each.key] for each in result.runs]
+
+
+def read_json_object(path: Path, otherwise: str) -> dict[str, Any]:
+    """A JSON object. Raises BadFile when the file is missing or something else."""
+    try:
+        value = json.loads(path.read_bytes())
+    except OSError as error:
+        raise BadFile(f"{path}: {error.strerror}; {otherwise}") from None
+    except (ValueError, RecursionError) as error:
+        raise BadFile(f"{path}: not JSON ({str(error)[:80]}); {otherwise}") from None
+    if not isinstance(value, dict):
+        raise BadFile(f"{path}: not a JSON object; {otherwise}")
+    return value
