@@ -40,8 +40,29 @@ def detect_points(gray: Array, count: int, instance_id: Array | None = None,
         structure tensor in (grey/px)². Both are empty on an image without texture.
     """
     config = PointConfig() if config is None else config
+    return pick_points(corner_strength(gray, instance_id, config), count, instance_id,
+                       existing_uv, config)
+
+
+def corner_strength(gray: Array, instance_id: Array | None, config: PointConfig) -> Array:
+    """(H, W) float32 corner response, 0 too near to the image's border or a mask's."""
     response = corner_response(gray, config.block_px)
-    response[_forbidden(gray.shape, instance_id, existing_uv, config)] = 0.0
+    if instance_id is not None:
+        response[_mask_borders(instance_id, config.mask_margin_px)] = 0.0
+    b = config.border_margin_px
+    if b > 0:
+        response[:b] = response[-b:] = 0.0
+        response[:, :b] = response[:, -b:] = 0.0
+    return response
+
+
+def pick_points(strength: Array, count: int, instance_id: Array | None,
+                existing_uv: Array | None, config: PointConfig) -> tuple[Array, Array]:
+    """`detect_points` where `corner_strength` has been computed; it is left as it is."""
+    response = strength
+    if existing_uv is not None and len(existing_uv):
+        response = np.where(_near(existing_uv, strength.shape, config.track_margin_px),
+                            np.float32(0), strength)
     if instance_id is None or not instance_id.any():
         at = _strongest(*_best_per_cell(response, config.static_cell_px), count, config)
     else:
@@ -49,10 +70,10 @@ def detect_points(gray: Array, count: int, instance_id: Array | None = None,
         background = np.where(on_object, np.float32(0), response)
         static = _strongest(*_best_per_cell(background, config.static_cell_px), count, config)
         row0, column0, window = _bounding_window(on_object)
-        row, column, strength = _best_per_cell(np.where(on_object[window], response[window],
-                                                        np.float32(0)), config.object_cell_px)
+        row, column, best = _best_per_cell(np.where(on_object[window], response[window],
+                                                    np.float32(0)), config.object_cell_px)
         row, column = row + row0, column + column0
-        moving = _strongest_per_label(row, column, strength, instance_id[row, column], config)
+        moving = _strongest_per_label(row, column, best, instance_id[row, column], config)
         at = (np.concatenate([static[0], moving[0]]), np.concatenate([static[1], moving[1]]))
     uv = np.stack([at[1], at[0]], axis=-1).astype(np.float64)
     return uv, response[at].astype(np.float64)
@@ -64,38 +85,33 @@ def corner_response(gray: Array, block_px: int) -> Array:
     return np.asarray(cv2.cornerMinEigenVal(gray, block_px)) * np.float32(255.0 ** 2 / 4.0)
 
 
-def _forbidden(shape: tuple[int, ...], instance_id: Array | None, existing_uv: Array | None,
-               config: PointConfig) -> Array:
-    """(H, W) bool: too near to the image's border, a mask's border or a living track."""
-    blocked = np.zeros(shape, np.uint8)
-    if instance_id is not None:
-        across = instance_id[:, 1:] != instance_id[:, :-1]
-        along = instance_id[1:] != instance_id[:-1]
-        edge = np.zeros(shape, np.uint8)
-        edge[:, 1:] |= across
-        edge[:, :-1] |= across
-        edge[1:] |= along
-        edge[:-1] |= along
-        diagonal = instance_id[1:, 1:] != instance_id[:-1, :-1]
-        other = instance_id[1:, :-1] != instance_id[:-1, 1:]
-        edge[1:, 1:] |= diagonal
-        edge[:-1, :-1] |= diagonal
-        edge[1:, :-1] |= other
-        edge[:-1, 1:] |= other
-        # Both pixels of a border are marked, so a box of margin − 1 leaves `margin` pixels free.
-        blocked |= _grown(edge, config.mask_margin_px - 1)
-    if existing_uv is not None and len(existing_uv):
-        taken = np.zeros(shape, np.uint8)
-        finite = existing_uv[np.isfinite(existing_uv).all(axis=-1)]
-        column, row = np.rint(finite).astype(np.intp).T
-        keep = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
-        taken[row[keep], column[keep]] = 1
-        blocked |= _grown(taken, config.track_margin_px)
-    b = config.border_margin_px
-    if b > 0:
-        blocked[:b] = blocked[-b:] = 1
-        blocked[:, :b] = blocked[:, -b:] = 1
-    return blocked.astype(bool)
+def _mask_borders(instance_id: Array, margin_px: int) -> Array:
+    """(H, W) bool: the pixels nearer to another label than `margin_px`, diagonals included."""
+    across = instance_id[:, 1:] != instance_id[:, :-1]
+    along = instance_id[1:] != instance_id[:-1]
+    edge = np.zeros(instance_id.shape, np.uint8)
+    edge[:, 1:] |= across
+    edge[:, :-1] |= across
+    edge[1:] |= along
+    edge[:-1] |= along
+    diagonal = instance_id[1:, 1:] != instance_id[:-1, :-1]
+    other = instance_id[1:, :-1] != instance_id[:-1, 1:]
+    edge[1:, 1:] |= diagonal
+    edge[:-1, :-1] |= diagonal
+    edge[1:, :-1] |= other
+    edge[:-1, 1:] |= other
+    # Both pixels of a border are marked, so a box of margin − 1 leaves `margin` pixels free.
+    return _grown(edge, margin_px - 1).astype(bool)
+
+
+def _near(uv_px: Array, shape: tuple[int, ...], margin_px: int) -> Array:
+    """(H, W) bool: the pixels within a margin of positions (N, 2)."""
+    taken = np.zeros(shape, np.uint8)
+    finite = uv_px[np.isfinite(uv_px).all(axis=-1)]
+    column, row = np.rint(finite).astype(np.intp).T
+    keep = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
+    taken[row[keep], column[keep]] = 1
+    return _grown(taken, margin_px).astype(bool)
 
 
 def _grown(mask: Array, by_px: int) -> Array:

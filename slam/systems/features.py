@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from slam.config import SdplConfig
@@ -14,12 +16,29 @@ from slam.estimation.tracks import (
 )
 from slam.frontend.follow import match_segments
 from slam.frontend.observe import Observation
-from slam.frontend.points import PointConfig, detect_points
+from slam.frontend.points import PointConfig, corner_strength, pick_points
 from slam.frontend.sampling import depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.geometry.arrays import Array
 from slam.systems.motion_stage import Tracked
 from slam.types import Points2D, Segments2D
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """What a frame's picture shows by itself, whatever is carried to it."""
+
+    corner_strength: Array    # (H, W) float32
+    segments: Array           # (N, 2, 2) px
+
+
+def detect(current: Observation, config: SdplConfig) -> Detected:
+    """The part of detection that needs nothing but the frame."""
+    strength = corner_strength(current.gray, current.frame.instance_id, PointConfig())
+    if not config.segments.enabled:
+        return Detected(strength, np.zeros((0, 2, 2)))
+    return Detected(strength, detect_segments(current.gray, config.segments.detector,
+                                              config.segments.min_length_px))
 
 
 class FeatureTracker:
@@ -34,15 +53,15 @@ class FeatureTracker:
         self._numbers = TrackNumbers()
         self._finished_static: list[Array] = []
 
-    def restart(self, current: Observation) -> None:
-        """Forget all tracks and detect on this frame."""
+    def restart(self, current: Observation, detected: Detected) -> None:
+        """Forget all tracks and begin with what this frame shows."""
         self._retire(np.ones(len(self.segments), bool))
         self.points, self.segments = empty_points(), empty_segments()
         self._age = self._unseen = np.zeros(0, np.int64)
-        self._detect(current)
+        self._complete(current, detected)
 
-    def advance(self, current: Observation, tracked: Tracked) -> None:
-        """Move the tracks to the current frame and detect new features beside them."""
+    def advance(self, current: Observation, detected: Detected, tracked: Tracked) -> None:
+        """Move the tracks to the current frame and begin new ones beside them."""
         depth, labels = current.frame.depth_m, _label_image(current)
         uv = tracked.point_uv
         self.points = Points2D(uv, depth_at(depth, uv), self.points.track_id[tracked.point_index],
@@ -54,12 +73,13 @@ class FeatureTracker:
         self.segments = Segments2D(tracked.line_endpoints, np.zeros((len(tracked.line_index), 2)),
                                    self.segments.track_id[tracked.line_index],
                                    np.zeros(len(tracked.line_index), np.int32))
-        self._detect(current)
+        self._complete(current, detected)
 
-    def found_on(self, current: Observation) -> bool:
+    def found_on(self, current: Observation, detected: Detected) -> bool:
         """Whether a frame has corners with depth on it, enough to track from."""
         wanted = self.config.start.min_points
-        uv, _ = detect_points(current.gray, 10 * wanted, _label_image(current))
+        uv, _ = pick_points(detected.corner_strength, 10 * wanted, current.frame.instance_id, None,
+                            PointConfig())
         return int(np.count_nonzero(depth_at(current.frame.depth_m, uv))) >= wanted
 
     def finished_static_line_lengths(self) -> Array:
@@ -70,29 +90,29 @@ class FeatureTracker:
     def _retire(self, gone: Array) -> None:
         self._finished_static.append(self._age[gone & (self.segments.instance_id == 0)])
 
-    def _detect(self, current: Observation) -> None:
-        self._detect_points(current)
+    def _complete(self, current: Observation, detected: Detected) -> None:
+        self._complete_points(current, detected.corner_strength)
         if self.config.segments.enabled:
-            self._detect_segments(current)
+            self._complete_segments(current, detected.segments)
 
-    def _detect_points(self, current: Observation) -> None:
+    def _complete_points(self, current: Observation, strength: Array) -> None:
         """Fill the empty cells of the static world, and the gaps on objects."""
         labels = _label_image(current)
         # Spread, not strongest first: what is strong may lie all in one far tree.
         cell_px = max(8, round(np.sqrt(current.gray.size / self.config.points.static_count)))
         self.points = _one_per_cell(self.points, cell_px)
         settings = PointConfig(static_cell_px=cell_px, object_count=self.config.points.object_count)
-        uv, _ = detect_points(current.gray, current.gray.size, labels, self.points.uv_px, settings)
+        uv, _ = pick_points(strength, strength.size, current.frame.instance_id,
+                            self.points.uv_px, settings)
         depth = depth_at(current.frame.depth_m, uv)
         uv, depth = uv[depth > 0], depth[depth > 0]
         ids, self._numbers = self._numbers.take(len(uv))
         new = Points2D(uv, depth, ids, nearest(labels, uv).astype(np.int32))
         self.points = _one_per_cell(join_points(self.points, new), cell_px)
 
-    def _detect_segments(self, current: Observation) -> None:
+    def _complete_segments(self, current: Observation, found: Array) -> None:
         """Segments found now confirm, correct and complete those that were carried."""
         settings = self.config.segments
-        found = detect_segments(current.gray, settings.detector, settings.min_length_px)
         confirmed = match_segments(self.segments.endpoints_px, found)
         endpoints = np.where((confirmed >= 0)[:, None, None], found[confirmed] if len(found)
                              else self.segments.endpoints_px, self.segments.endpoints_px)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from slam.frontend.observe import Observation, observe
 from slam.frontend.picture import better_flow, flow_of_masks
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.systems.features import FeatureTracker
+from slam.systems.features import Detected, FeatureTracker, detect
 from slam.systems.history import History
 from slam.systems.motion_stage import MotionStage, Tracked
 from slam.systems.stopwatch import Stopwatch
@@ -43,10 +44,16 @@ class SdplSlam:
         clock = Stopwatch()
         current = observe(frame)
         clock.lap("observe")
+        # What this picture shows is wanted last: a second core looks for it meanwhile.
+        with ThreadPoolExecutor(max_workers=1) as beside:
+            return self._process(current, beside.submit(detect, current, self.config), clock)
+
+    def _process(self, current: Observation, detected: Future[Detected],
+                 clock: Stopwatch) -> FrameEstimate:
         if self.previous is None:
-            return self._begin(current, clock)
+            return self._begin(current, detected, clock)
         if not current.rho.any():
-            return self._lost(current, "no depth in this frame", clock)
+            return self._lost(current, detected, "no depth in this frame", clock)
         scales = self.motions.scales
         tracked, pairs = self._track(self.previous, current, True, clock)
         if tracked.lost_because and self.history.has_motion:
@@ -55,27 +62,28 @@ class SdplSlam:
             tracked, pairs = self._track(self.previous, current, False, clock)
         if tracked.lost_because:
             self.motions.scales = scales
-            return self._lost(current, tracked.lost_because, clock)
-        return self._keep(current, pairs, tracked, clock)
+            return self._lost(current, detected, tracked.lost_because, clock)
+        return self._keep(current, detected, pairs, tracked, clock)
 
     def finish(self) -> SlamResult:
         """The whole run."""
         return self.history.result(self.features.finished_static_line_lengths())
 
-    def _begin(self, current: Observation, clock: Stopwatch) -> FrameEstimate:
+    def _begin(self, current: Observation, detected: Future[Detected],
+               clock: Stopwatch) -> FrameEstimate:
         frame = current.frame
-        self._take_as_reference(current)
+        self._take_as_reference(current, detected.result())
         clock.lap("detect")
         return self.history.add(FrameEstimate(
             frame.index, frame.stamp_s, self.history.T_world_camera, np.eye(4),
             status=Status.FIRST, points=self.features.points, segments=self.features.segments,
             timings_ms=clock.laps_ms()))
 
-    def _take_as_reference(self, current: Observation) -> None:
+    def _take_as_reference(self, current: Observation, detected: Detected) -> None:
         """Track from this frame on, with nothing carried over but the objects' numbers."""
         self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf,
                              current.frame.stamp_s)
-        self.features.restart(current)
+        self.features.restart(current, detected)
         self.previous, self._unmatched = current, 0
 
     def _track(self, previous: Observation, current: Observation, expect: bool,
@@ -122,21 +130,23 @@ class SdplSlam:
         assert self.previous is not None
         return self.history.expected_motion(frame.stamp_s - self.previous.frame.stamp_s)
 
-    def _lost(self, current: Observation, reason: str, clock: Stopwatch) -> FrameEstimate:
+    def _lost(self, current: Observation, detected: Future[Detected], reason: str,
+              clock: Stopwatch) -> FrameEstimate:
         """Predict the pose, and go on from the last good frame as long as it can be seen."""
         frame = current.frame
         estimate = self.history.add_lost(frame, reason, clock.laps_ms())
         # Once frames that show something do not match, the frame they do not match is at fault;
         # so it is where nothing was ever tracked.
-        self._unmatched = self._unmatched + 1 if self.features.found_on(current) else 0
+        shows = self.features.found_on(current, detected.result())
+        self._unmatched = self._unmatched + 1 if shows else 0
         if (self._unmatched >= _UNMATCHED or not self.history.has_motion
                 or self.history.lost_in_a_row >= self.config.start.give_up_after):
             self.history.T_world_camera = estimate.T_world_camera
-            self._take_as_reference(current)
+            self._take_as_reference(current, detected.result())
         return estimate
 
-    def _keep(self, current: Observation, pairs: dict[int, int], tracked: Tracked,
-              clock: Stopwatch) -> FrameEstimate:
+    def _keep(self, current: Observation, detected: Future[Detected], pairs: dict[int, int],
+              tracked: Tracked, clock: Stopwatch) -> FrameEstimate:
         assert self.previous is not None
         frame, before = current.frame, self.previous.frame
         self.objects.relabel(pairs, [int(x) for x in current.labels[1:]], before.stamp_s,
@@ -144,7 +154,7 @@ class SdplSlam:
         estimate = self.history.add_tracked(frame, before, tracked, self.objects,
                                             self.config.dynamic)
         clock.lap("objects")
-        self.features.advance(current, tracked)
+        self.features.advance(current, detected.result(), tracked)
         clock.lap("detect")
         self.previous, self._unmatched = current, 0
         estimate = replace(estimate, points=self.features.points, segments=self.features.segments,

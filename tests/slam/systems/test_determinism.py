@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import box_world as bw
 import slam
+from slam.systems import sdpl
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -54,3 +56,17 @@ def test_processes_with_one_thread_and_with_two_give_equal_bytes():
     assert [process.returncode for process in running] == [0, 0]
     assert answers[0] == answers[1] == [digest(small_sequence(False)),
                                         digest(small_sequence(True))]
+
+
+def test_a_failure_beside_tracking_is_raised(two_boxes, monkeypatch):
+    """Detection runs on a thread of its own; what goes wrong there must not be lost."""
+    frames = two_boxes[2]
+    system = slam.make("sdpl", frames[0].intrinsics)
+    system.process(frames[0])
+
+    def broken(current, config):
+        raise MemoryError("no room for the picture")
+
+    monkeypatch.setattr(sdpl, "detect", broken)
+    with pytest.raises(MemoryError, match="no room"):
+        system.process(frames[1])
