@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import Pinhole
 
@@ -38,40 +37,39 @@ class LineTerms(NamedTuple):
 
 
 @numba.njit(cache=True, inline="always")
-def point_row(T, ray, rho_a, uv_b, rho_b, camera, r, J, j):  # type: ignore[no-untyped-def]
-    """One point of `point_terms`: fills r (3,), J (3, 6) and j (3,).
+def point_row(T, ray, rho_a, uv_b, rho_b, camera):  # type: ignore[no-untyped-def]
+    """One point of `point_terms`: r, its place (x, y, ρ) in b for `pose_rows`, and J_ρ.
 
-    Compiled, so that the solver's inner loop and `point_terms` are the same lines. `camera` is
-    (fx, fy, cx, cy).
+    Compiled and on scalars, so that the solver's inner loops and `point_terms` are the same
+    lines. `camera` is (fx, fy, cx, cy).
     """
     fx, fy, cx, cy = camera
     # p_b ρ_a = Rᵀ (ray − ρ t): scaled by ρ so that far points stay well conditioned.
     dx, dy, dz = ray[0] - rho_a * T[0, 3], ray[1] - rho_a * T[1, 3], ray[2] - rho_a * T[2, 3]
-    x = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
-    y = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
     w = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
     if abs(w) < 1e-12:
         w = 1e-12
-    xn, yn, rho = x / w, y / w, rho_a / w               # rho: inverse depth in b
-    r[0] = fx * xn + cx - uv_b[0]
-    r[1] = fy * yn + cy - uv_b[1]
-    r[2] = rho - rho_b
-
-    # ∂p_b/∂ξ = [p_b]× for ω and −I for v, since p_b = Exp(−ξ) T⁻¹ p_a.
-    J[0, 0], J[0, 1], J[0, 2] = fx * xn * yn, -fx * (1.0 + xn * xn), fx * yn
-    J[0, 3], J[0, 4], J[0, 5] = -fx * rho, 0.0, fx * rho * xn
-    J[1, 0], J[1, 1], J[1, 2] = fy * (1.0 + yn * yn), -fy * xn * yn, -fy * xn
-    J[1, 3], J[1, 4], J[1, 5] = 0.0, -fy * rho, fy * rho * yn
-    J[2, 0], J[2, 1], J[2, 2] = rho * yn, -rho * xn, 0.0
-    J[2, 3], J[2, 4], J[2, 5] = 0.0, 0.0, rho * rho
+    x = (T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz) / w
+    y = (T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz) / w
+    rho = rho_a / w                                     # inverse depth in b
+    r = (fx * x + cx - uv_b[0], fy * y + cy - uv_b[1], rho - rho_b)
 
     # ∂(p_b ρ_a)/∂ρ_a = −Rᵀ t
     tx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
     ty = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
     tz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
-    j[0] = fx * (tx - xn * tz) / w
-    j[1] = fy * (ty - yn * tz) / w
-    j[2] = (1.0 - rho * tz) / w
+    return r, (x, y, rho), (fx * (tx - x * tz) / w, fy * (ty - y * tz) / w, (1.0 - rho * tz) / w)
+
+
+@numba.njit(cache=True, inline="always")
+def pose_rows(place, camera):  # type: ignore[no-untyped-def]
+    """J_pose of a point seen at (x, y, ρ): the rows of u, v and ρ as six numbers each."""
+    x, y, rho = place
+    fx, fy, _, _ = camera
+    # ∂p_b/∂ξ = [p_b]× for ω and −I for v, since p_b = Exp(−ξ) T⁻¹ p_a.
+    return ((fx * x * y, -fx * (1.0 + x * x), fx * y, -fx * rho, 0.0, fx * rho * x),
+            (fy * (1.0 + y * y), -fy * x * y, -fy * x, 0.0, -fy * rho, fy * rho * y),
+            (rho * y, -rho * x, 0.0, 0.0, 0.0, rho * rho))
 
 
 def camera_tuple(camera: Pinhole) -> tuple[float, float, float, float]:
@@ -104,8 +102,31 @@ def _point_rows(T, group, rays, rho_a, uv_b, rho_b, camera):  # type: ignore[no-
     n = len(rho_a)
     r, J, j = np.empty((n, 3)), np.empty((n, 3, 6)), np.empty((n, 3))
     for i in range(n):
-        point_row(T[group[i]], rays[i], rho_a[i], uv_b[i], rho_b[i], camera, r[i], J[i], j[i])
+        found, place, own = point_row(T[group[i]], rays[i], rho_a[i], uv_b[i], rho_b[i], camera)
+        rows = pose_rows(place, camera)
+        for k in range(3):
+            r[i, k], j[i, k] = found[k], own[k]
+            for c in range(6):
+                J[i, k, c] = rows[k][c]
     return r, J, j
+
+
+@numba.njit(cache=True, inline="always")
+def _line_through(a, b, pixel, line, J):  # type: ignore[no-untyped-def]
+    """One row of `observed_line`: fills line (3,) and J (3, 4)."""
+    line[0], line[1], line[2] = a[1] - b[1], b[0] - a[0], a[0] * b[1] - a[1] * b[0]   # a × b
+    J[0, 0], J[0, 1], J[0, 2], J[0, 3] = 0.0, 1.0, 0.0, -1.0
+    J[1, 0], J[1, 1], J[1, 2], J[1, 3] = -1.0, 0.0, 1.0, 0.0
+    J[2, 0], J[2, 1], J[2, 2], J[2, 3] = b[1], -b[0], -a[1], a[0]
+    third = 0.0 if pixel else line[2]
+    norm = np.sqrt(line[0] * line[0] + line[1] * line[1] + third * third)
+    if norm <= 1e-12:
+        norm = np.nan
+    line[0], line[1], line[2] = line[0] / norm, line[1] / norm, line[2] / norm
+    for c in range(4):
+        d_norm = line[0] * J[0, c] + line[1] * J[1, c] + third / norm * J[2, c]
+        for i in range(3):
+            J[i, c] = (J[i, c] - line[i] * d_norm) / norm
 
 
 def observed_line(a_px: Array, b_px: Array, normalise: str = "pixel") -> tuple[Array, Array]:
@@ -118,23 +139,43 @@ def observed_line(a_px: Array, b_px: Array, normalise: str = "pixel") -> tuple[A
     Returns:
         l (N, 3), J (N, 3, 4). Endpoints that coincide give NaN.
     """
-    n = len(a_px)
-    a = np.concatenate([a_px, np.ones((n, 1))], axis=1)
-    b = np.concatenate([b_px, np.ones((n, 1))], axis=1)
-    cross = np.cross(a, b)
-    d_cross = np.concatenate([-se3.skew(b)[:, :, :2], se3.skew(a)[:, :, :2]], axis=2)
-    if normalise == "pixel":
-        part = cross * np.array([1.0, 1.0, 0.0])
-    elif normalise == "paper":
-        part = cross
-    else:
+    return _lines_through(np.asarray(a_px, np.float64), np.asarray(b_px, np.float64),
+                          is_pixel(normalise))
+
+
+def is_pixel(normalise: str) -> bool:
+    """Whether image lines are normalised to distances in px ("pixel"), or as printed ("paper")."""
+    if normalise not in ("pixel", "paper"):
         raise ValueError(f"normalise: wanted 'pixel' or 'paper', got {normalise!r}")
-    norm = np.linalg.norm(part, axis=1)
-    norm = np.where(norm > 1e-12, norm, np.nan)
-    line = cross / norm[:, None]
-    d_norm = np.einsum("ni,nij->nj", part, d_cross) / norm[:, None]
-    J = (d_cross - line[:, :, None] * d_norm[:, None, :]) / norm[:, None, None]
+    return normalise == "pixel"
+
+
+@numba.njit(cache=True)
+def _lines_through(a, b, pixel):  # type: ignore[no-untyped-def]
+    line, J = np.empty((len(a), 3)), np.empty((len(a), 3, 4))
+    for n in range(len(a)):
+        _line_through(a[n], b[n], pixel, line[n], J[n])
     return line, J
+
+
+@numba.njit(cache=True, inline="always")
+def line_row(T, rays, rho, ends_b, camera, pixel, r, J, j, J_flow,  # type: ignore[no-untyped-def]
+             line, line_J):
+    """One segment of `line_terms`: fills r (2,), J (2, 6), j (2,) and J_flow (2, 4).
+
+    j is each row's derivative with respect to its own end's inverse depth. The last two are room
+    for the observed line, (3,) and (3, 4).
+    """
+    _line_through(ends_b[0], ends_b[1], pixel, line, line_J)
+    for end in range(2):
+        uv, place, d_rho = point_row(T, rays[end], rho[end], (0.0, 0.0), 0.0, camera)
+        rows = pose_rows(place, camera)
+        r[end] = line[0] * uv[0] + line[1] * uv[1] + line[2]
+        for c in range(6):
+            J[end, c] = line[0] * rows[0][c] + line[1] * rows[1][c]
+        j[end] = line[0] * d_rho[0] + line[1] * d_rho[1]
+        for c in range(4):
+            J_flow[end, c] = uv[0] * line_J[0, c] + uv[1] * line_J[1, c] + line_J[2, c]
 
 
 def line_terms(T_a_b: Array, rays_a: Array, rho_a: Array, endpoints_b: Array,
@@ -151,17 +192,20 @@ def line_terms(T_a_b: Array, rays_a: Array, rho_a: Array, endpoints_b: Array,
         endpoints_b: (N, 2, 2) observed endpoints a', b' in camera b, px.
         group: (N,) which pose each segment moves with; None: the only one.
     """
-    n = len(rays_a)
-    terms = point_terms(T_a_b, rays_a.reshape(-1, 3), rho_a.reshape(-1), np.zeros((2 * n, 2)),
-                        np.zeros(2 * n), camera, None if group is None else np.repeat(group, 2))
-    uv = terms.r[:, :2].reshape(n, 2, 2)
-    line, d_line = observed_line(endpoints_b[:, 0], endpoints_b[:, 1], normalise)
-    normal = line[:, None, :2]
-    r = np.sum(normal * uv, axis=2) + line[:, None, 2]
-    J_uv = terms.J_pose[:, :2].reshape(n, 2, 2, 6)
-    J_pose = np.einsum("ni,npij->npj", line[:, :2], J_uv)
-    J_own = np.einsum("ni,npi->np", line[:, :2], terms.J_rho[:, :2].reshape(n, 2, 2))
-    J_rho = np.zeros((n, 2, 2))
-    J_rho[:, 0, 0], J_rho[:, 1, 1] = J_own[:, 0], J_own[:, 1]
-    homogeneous = np.concatenate([uv, np.ones((n, 2, 1))], axis=2)
-    return LineTerms(r, J_pose, J_rho, homogeneous @ d_line)
+    T = np.ascontiguousarray(np.asarray(T_a_b, dtype=np.float64).reshape(-1, 4, 4))
+    group = np.zeros(len(rays_a), np.int64) if group is None else group
+    return LineTerms(*_line_rows(T, group, rays_a, rho_a, endpoints_b, camera_tuple(camera),
+                                 is_pixel(normalise)))
+
+
+@numba.njit(cache=True)
+def _line_rows(T, group, rays, rho, ends_b, camera, pixel):  # type: ignore[no-untyped-def]
+    n = len(rays)
+    r, J, J_flow = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty((n, 2, 4))
+    J_rho, j = np.zeros((n, 2, 2)), np.empty(2)
+    line, line_J = np.empty(3), np.empty((3, 4))
+    for i in range(n):
+        line_row(T[group[i]], rays[i], rho[i], ends_b[i], camera, pixel, r[i], J[i], j, J_flow[i],
+                 line, line_J)
+        J_rho[i, 0, 0], J_rho[i, 1, 1] = j
+    return r, J, J_rho, J_flow

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from slam.config import MotionConfig
-from slam.estimation.elimination import LineFamily, PointFamily
+from slam.estimation.line_family import LineFamily
+from slam.estimation.point_family import PointFamily
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches
@@ -22,7 +24,7 @@ from slam.types import Intrinsics
 _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
 _SMALLEST_SCALE2 = 1e-8        # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
-_MEDIAN_OF = 1000              # residuals are enough for a median
+_SAMPLE = 1000                 # points of a motion are enough for medians and first steps
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
 _TILE_PRIOR = 6                # features that the whole image's noise counts for in a tile
 _TESTED = 0.1                  # share of a depth's variance that its residuals can explain
@@ -64,24 +66,31 @@ def refine_motions(T_a_b: Array, points: PointMatches, lines: LineMatches, camer
     problem = _Problem(points, lines, len(T_a_b), camera, config, scales)
     T = np.array(T_a_b, dtype=np.float64)
     information = np.zeros((len(T), 6, 6))
-    for _ in range(config.rounds):
+    for remaining in reversed(range(config.rounds)):
         problem.renew(T)
-        T, information = _levenberg_marquardt(problem, T, config)
+        # A sample takes the first rounds near enough.
+        T, information = _levenberg_marquardt(problem, T, config,
+                                              problem.sample if remaining else None)
         if adapt:
             problem.measure_noise(T)
     return problem.solution(T, information)
 
 
-def _levenberg_marquardt(problem: _Problem, T: Array, config: MotionConfig) -> tuple[Array, Array]:
-    """A few damped steps on all groups at once; a step that raises a group's cost is not taken."""
+def _levenberg_marquardt(problem: _Problem, T: Array, config: MotionConfig,
+                         index: Array | None = None) -> tuple[Array, Array]:
+    """A few damped steps on all groups at once; a step that raises a group's cost is not taken.
+
+    Args:
+        index: the points that count; None: all.
+    """
     damping = np.full(len(T), 1e-6)
-    cost, H, g = problem.linearise(T)
+    cost, H, g = problem.linearise(T, index)
     for _ in range(config.iterations):
         diagonal = np.einsum("gii->gi", H)
         damped = H + (damping[:, None] * diagonal + 1e-12)[:, :, None] * np.eye(6)
         step = -np.linalg.solve(damped, g[:, :, None])[:, :, 0]
         T_try = T @ se3.exp(step)
-        cost_try, H_try, g_try = problem.linearise(T_try)
+        cost_try, H_try, g_try = problem.linearise(T_try, index)
         better = cost_try <= cost
         T = np.where(better[:, None, None], T_try, T)
         H = np.where(better[:, None, None], H_try, H)
@@ -108,6 +117,7 @@ class _Problem:
         self.point_tile = _tiles(points.uv_a, points.group, camera)
         self.line_tile = _tiles(lines.endpoints_a.mean(axis=1), lines.group, camera)
         self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups, self.depth_scale2)
+        self.sample = _evenly_spread(points.group, points.kind)
 
     def renew(self, T: Array) -> None:
         """New covariances and eliminated depths at T."""
@@ -118,51 +128,58 @@ class _Problem:
         self.points.renew(T)
         self.lines.renew(T)
 
-    def linearise(self, T: Array) -> tuple[Array, Array, Array]:
-        """Robust cost (G,), normal matrices (G, 6, 6) and gradients (G, 6) at T."""
+    def linearise(self, T: Array, index: Array | None = None) -> tuple[Array, Array, Array]:
+        """Robust cost (G,), normal matrices (G, 6, 6) and gradients (G, 6) at T.
+
+        Args:
+            index: the points that count; None: all.
+        """
         system = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
-        self.points.accumulate(T, *system)
+        self.points.accumulate(T, *system, index=index)
         self.lines.accumulate(T, *system)
         return system
 
     def measure_noise(self, T: Array) -> None:
         """Scale the assumed noise to the residuals: flow by group and kind, depth by all."""
-        f = self.points
-        r, j = f.marginal(T)
+        r, j = self.points.marginal(T, self.sample)
+        self._measure_flow_noise(r, j)
         self._measure_depth_noise(r, j)
-        depth_part = j[:, :2] ** 2 * (f.var_a * f.depth_scale2)[:, None]
-        flow_part = np.einsum("nii->ni", f.flow_cov)
-        square = r[:, :2] ** 2
+
+    def _measure_flow_noise(self, r: Array, j: Array) -> None:
+        """The scale s² for which the median of r² / (s² Σ_φ + depth part) is that of χ²₁."""
+        f, sample = self.points, self.sample
         kinds = self.flow_scale2.shape[1]
-        class_of = f.m.group * kinds + f.m.kind
-        order = np.argsort(class_of, kind="stable")
-        bounds = np.searchsorted(class_of[order], np.arange(self.groups * kinds + 1))
-        for group in range(self.groups):
-            for kind in range(kinds):
-                first, last = bounds[group * kinds + kind: group * kinds + kind + 2]
-                if last - first < _MIN_FOR_SCALE:
-                    # Too few to tell: the static world's flow has the same source.
-                    self.flow_scale2[group, kind] = self.flow_scale2[0, kind]
-                    continue
-                chosen = order[first:last:max(1, (last - first) // _MEDIAN_OF)]
-                self.flow_scale2[group, kind] = _excess_scale2(
-                    square[chosen], flow_part[chosen], depth_part[chosen],
-                    self.flow_scale2[group, kind])
+        class_of = f.m.group[sample] * kinds + f.m.kind[sample]
+        now2 = self.flow_scale2.ravel()
+        depth_part = (j[:, :2] ** 2 * (f.var_a * f.depth_scale2)[sample, None]).ravel()
+        flow_part = np.repeat(np.einsum("nii->n", f.flow_cov[sample]) / 2.0, 2)
+        twice = np.repeat(class_of, 2)
+        ratio = r[:, :2].ravel() ** 2 / (now2[twice] * flow_part + depth_part)
+        ratio, count = _grouped_median(ratio, twice, len(now2))
+        flow, _ = _grouped_median(flow_part, twice, len(now2))
+        depth, _ = _grouped_median(depth_part, twice, len(now2))
+        ratio /= _MEDIAN_CHI2_1
+        scale2 = (ratio * (now2 * flow + depth) - depth) / np.where(count > 0, flow, 1.0)
+        scale2 = np.maximum(scale2, np.maximum(0.01 * now2 * np.minimum(ratio, 1.0),
+                                               _SMALLEST_SCALE2))
+        measured = (count >= 2 * _MIN_FOR_SCALE).reshape(-1, kinds)
+        scale2 = np.where(measured, scale2.reshape(-1, kinds), self.flow_scale2)
+        # Too few to tell: the static world's flow has the same source.
+        self.flow_scale2 = np.where(measured, scale2, scale2[0])
 
     def _measure_depth_noise(self, r: Array, j: Array) -> None:
         """How far the eliminated depths moved, over what their noise allows: by tile and in all."""
-        moved, allowed = self.points.depth_innovation(r, j)
-        ratio = moved**2 / np.maximum(allowed, 1e-300)
+        f, sample = self.points, self.sample
+        moved, allowed = f.depth_innovation(r, j, sample)
+        before = f.depth_scale2[sample]
         # A depth that neither parallax nor the second frame tests says nothing.
-        tested = np.flatnonzero(allowed > _TESTED * self.points.var_a * self.points.depth_scale2)
-        tested = tested[:: max(1, len(tested) // (4 * _MEDIAN_OF))]
-        static = tested[self.points.m.group[tested] == 0]
-        if len(static) < _MIN_FOR_SCALE:
+        tested = np.flatnonzero(allowed > _TESTED * f.var_a[sample] * before)
+        static = f.m.group[sample[tested]] == 0
+        if np.count_nonzero(static) < _MIN_FOR_SCALE:
             return
-        before = self.points.depth_scale2
-        square = ratio * before / _MEDIAN_CHI2_1
+        square = moved[tested] ** 2 / allowed[tested] * before[tested] / _MEDIAN_CHI2_1
         self.depth_scale2 = max(float(np.median(square[static])), _SMALLEST_SCALE2)
-        medians, count = _grouped_median(square[tested], self.point_tile[tested],
+        medians, count = _grouped_median(square, self.point_tile[sample[tested]],
                                          len(self.tile_scale2))
         blended = (count * medians + _TILE_PRIOR * self.depth_scale2) / (count + _TILE_PRIOR)
         self.tile_scale2 = np.maximum(blended, _SMALLEST_SCALE2)
@@ -176,14 +193,6 @@ class _Problem:
                        self.lines.refined_endpoints_b(T))
 
 
-def _excess_scale2(square: Array, flow_part: Array, depth_part: Array, now2: float) -> float:
-    """The flow scale s² for which the median of r² / (s² Σ_φ + depth part) is that of χ²₁."""
-    ratio = float(np.median(square / (now2 * flow_part + depth_part))) / _MEDIAN_CHI2_1
-    flow, depth = float(np.median(flow_part)), float(np.median(depth_part))
-    scale2 = (ratio * (now2 * flow + depth) - depth) / flow
-    return max(scale2, 0.01 * now2 * min(ratio, 1.0), _SMALLEST_SCALE2)
-
-
 def _tiles(uv_px: Array, group: Array, camera: Intrinsics) -> Array:
     """Tile (N,) of each feature: by its place in the image, or by its object."""
     rows, columns = _TILES
@@ -192,10 +201,30 @@ def _tiles(uv_px: Array, group: Array, camera: Intrinsics) -> Array:
     return np.where(group == 0, row * columns + column, rows * columns + group)
 
 
-def _grouped_median(values: Array, group: Array, groups: int) -> tuple[Array, Array]:
-    """Median (0 where empty) and count of values (N,) by group number."""
-    order = np.lexsort((values, group))
-    count = np.bincount(group, minlength=groups)
-    first = np.cumsum(count) - count
-    middle = np.minimum(first + count // 2, max(len(values) - 1, 0))
-    return np.where(count > 0, values[order][middle], 0.0), count
+def _evenly_spread(group: Array, kind: Array) -> Array:
+    """Numbers (M,) of points that stand for all: `_SAMPLE` to twice as many of a large group,
+    its kinds in proportion."""
+    order = np.lexsort((kind, group))
+    count = np.bincount(group)
+    rank = np.arange(len(order)) - (np.cumsum(count) - count)[group[order]]
+    return np.asarray(order[rank % np.maximum(count // _SAMPLE, 1)[group[order]] == 0])
+
+
+@numba.njit(cache=True)
+def _grouped_median(values, group, groups):  # type: ignore[no-untyped-def]
+    """Median (the upper of two; 0 where empty) and count of values (N,) by group number."""
+    count = np.zeros(groups, np.int64)
+    for g in group:
+        count[g] += 1
+    end = np.cumsum(count)
+    fill = end - count
+    ordered = np.empty(len(values))
+    for i in range(len(values)):
+        ordered[fill[group[i]]] = values[i]
+        fill[group[i]] += 1
+    medians = np.zeros(groups)
+    for g in range(groups):
+        if count[g] > 0:
+            own = ordered[end[g] - count[g]: end[g]]
+            medians[g] = np.partition(own, count[g] // 2)[count[g] // 2]
+    return medians, count

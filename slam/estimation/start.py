@@ -1,8 +1,9 @@
-"""Where the refinement starts: P3P in RANSAC (III-B), or the prediction if that fits better."""
+"""Where the refinement starts: the prediction, or P3P in RANSAC (III-B) where that fits better."""
 
 from __future__ import annotations
 
 import cv2
+import numba
 import numpy as np
 
 from slam.config import StartConfig
@@ -10,9 +11,11 @@ from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import PointMatches, take
+from slam.residuals import camera_tuple
 from slam.types import Intrinsics
 
 _LARGEST_TURN = 1.0    # rad from what is expected; a small thing's mirror image is farther
+_FITS = 0.3            # of the cost that matches without any motion have: no search is needed
 
 
 def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, sigma_px: float,
@@ -22,16 +25,18 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
     Args:
         points: matches of one rigid motion.
         sigma_px: standard deviation of their flow.
-        candidates: (M, 4, 4) poses to try besides P3P's: the predicted motion, standing still.
+        candidates: (M, 4, 4) poses to try before P3P: the predicted motion, standing still.
     """
     usable = np.flatnonzero(points.rho_a > 0)
     if len(usable) < config.min_points:
         return None
-    step = max(1, len(usable) // config.max_points)
-    sample = take(points, usable[::step])
+    sample = take(points, usable[:: max(1, len(usable) // config.max_points)])
     xyz = pinhole.back_project(camera, sample.uv_a, 1.0 / sample.rho_a)
     threshold = max(config.threshold_px, 4.0 * sigma_px)
-    tried = [*candidates]
+    cost = truncated_costs(candidates, xyz, sample, camera, threshold)
+    best = int(np.argmin(cost))
+    if cost[best] <= _FITS * len(sample):
+        return np.array(candidates[best])
     found, rotation, translation, _ = cv2.solvePnPRansac(
         xyz, sample.uv_b, camera.matrix, None, iterationsCount=config.iterations,
         reprojectionError=threshold, confidence=0.999, flags=cv2.SOLVEPNP_P3P)
@@ -39,21 +44,42 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
         T_b_a = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
         T_a_b = se3.inverse(T_b_a)
         turn = se3.rotation_angle(np.swapaxes(candidates[:, :3, :3], 1, 2) @ T_a_b[:3, :3])
-        if turn.min() < _LARGEST_TURN:
-            tried.append(T_a_b)
-    return min(tried, key=lambda T: _truncated_cost(T, xyz, sample, camera, threshold))
+        if (turn.min() < _LARGEST_TURN
+                and truncated_costs(T_a_b[None], xyz, sample, camera, threshold)[0] < cost[best]):
+            return T_a_b
+    return np.array(candidates[best])
 
 
-def _truncated_cost(T_a_b: Array, xyz: Array, points: PointMatches, camera: Intrinsics,
-                    threshold_px: float) -> float:
-    """Squared distances, cut at the threshold, in the image and in the depth seen in b.
+def truncated_costs(T_a_b: Array, xyz_a: Array, points: PointMatches, camera: Intrinsics,
+                    threshold_px: float) -> Array:
+    """Squared distances (M,), cut at 1, in the image and in the depth seen in b, of M poses.
 
-    The depth tells a pose from its mirror image, which a small thing's pixels hardly do.
+    The unit is the threshold in the image and four standard deviations in the depth. The depth
+    tells a pose from its mirror image, which a small thing's pixels hardly do.
     """
-    xyz_b = se3.transform_points(se3.inverse(T_a_b), xyz)
-    square = np.sum((pinhole.project(camera, xyz_b) - points.uv_b) ** 2, axis=1)
-    square = np.minimum(np.nan_to_num(square, nan=np.inf) / threshold_px**2, 1.0)
-    known = np.isfinite(points.rho_sigma_b) & (xyz_b[:, 2] > 0)
-    sigma = np.hypot(points.rho_sigma_a, np.where(known, points.rho_sigma_b, 1.0))
-    gap = 1.0 / np.where(known, xyz_b[:, 2], 1.0) - points.rho_b
-    return float(square.sum() + np.minimum((gap / (4.0 * sigma)) ** 2, 1.0)[known].sum())
+    return np.asarray(_truncated_costs(
+        se3.inverse(T_a_b), xyz_a, points.uv_b, points.rho_b, points.rho_sigma_a,
+        points.rho_sigma_b, camera_tuple(camera), threshold_px))
+
+
+@numba.njit(cache=True)
+def _truncated_costs(T_b_a, xyz_a, uv_b, rho_b, sigma_a, sigma_b,  # type: ignore[no-untyped-def]
+                     camera, threshold):
+    fx, fy, cx, cy = camera
+    costs = np.zeros(len(T_b_a))
+    for m in range(len(T_b_a)):
+        T = T_b_a[m]
+        for n in range(len(xyz_a)):
+            X, Y, Z = xyz_a[n]
+            z = T[2, 0] * X + T[2, 1] * Y + T[2, 2] * Z + T[2, 3]
+            if not z > 0.0:
+                costs[m] += 1.0
+                continue
+            du = fx * (T[0, 0] * X + T[0, 1] * Y + T[0, 2] * Z + T[0, 3]) / z + cx - uv_b[n, 0]
+            dv = fy * (T[1, 0] * X + T[1, 1] * Y + T[1, 2] * Z + T[1, 3]) / z + cy - uv_b[n, 1]
+            square = (du * du + dv * dv) / (threshold * threshold)
+            costs[m] += square if square < 1.0 else 1.0          # NaN counts 1
+            if np.isfinite(sigma_b[n]):
+                gap = (1.0 / z - rho_b[n]) / (4.0 * np.hypot(sigma_a[n], sigma_b[n]))
+                costs[m] += min(gap * gap, 1.0)
+    return costs

@@ -161,16 +161,16 @@ class MotionStage:
         why: dict[int, str] = {}
         starts = np.repeat(np.eye(4)[None], len(expected), axis=0)
         for group, T_expected in enumerate(expected):
-            own = take(points, np.flatnonzero(points.group == group))
+            own = np.flatnonzero(points.group == group)
             needed = self.config.start.min_points if group == 0 else self.config.dynamic.min_matches
             if group == 0 and len(own) < needed:   # then what is parked is all there is
-                own = take(points, np.isin(points.group, [0, *parked]))
+                own = np.flatnonzero(np.isin(points.group, [0, *parked]))
             if len(own) < needed:
                 why[group] = f"{len(own)} matches, {needed} are needed"
                 continue
             candidates = np.stack([T_expected, expected[0], np.eye(4)])
-            sigma = self.config.noise.flow_sigma_px
-            found = start_motion(own, self.intrinsics, self.config.start, sigma, candidates)
+            found = start_motion(take(points, own), self.intrinsics, self.config.start,
+                                 self.config.noise.flow_sigma_px, candidates)
             if found is None:
                 why[group] = "no depth on it"
             else:

@@ -10,8 +10,9 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from slam.config import MotionConfig
-from slam.estimation.elimination import PointFamily, robust
+from slam.estimation.kernel import robust
 from slam.estimation.motion import NoiseScales, refine_motions
+from slam.estimation.point_family import PointFamily
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.matches import no_lines, take
