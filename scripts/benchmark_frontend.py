@@ -28,7 +28,7 @@ from slam.frontend.flow import (
     round_trip_error,
     sample_flow,
 )
-from slam.frontend.points import detect_points
+from slam.frontend.points import corner_response, detect_points
 from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
 from slam.frontend.sampling import bilinear, depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
@@ -129,7 +129,8 @@ class Scores:
 def measure(pair: Pair, scores: Scores, clock: Clock, config: RefineConfig) -> None:
     """All methods on one pair of frames."""
     previous, current = pair.gray
-    uv, _ = clock("detect points", lambda: detect_points(previous, 1200, pair.instance_id))
+    uv, _ = clock("detect points",
+                  lambda: detect_points(corner_response(previous), 1200, pair.instance_id))
     keep = nearest(pair.visible, uv) & (depth_at(pair.depth_m, uv) > 0)
     uv = uv[keep]
     on_object = nearest(pair.instance_id, uv) > 0

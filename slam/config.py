@@ -56,7 +56,7 @@ class MotionConfig:
     kernel_width: float = 3.0         # in standard deviations of the whole residual
     rounds: int = 2                   # renewals of noise scales, covariances, inverse depths
     iterations: int = 3               # Levenberg-Marquardt steps a round, at most
-    step_tolerance: float = 0.03      # standard deviations
+    step_tolerance: float = 0.1       # standard deviations; a shorter step is not taken
     reprojection_sigma_px: float = 0.02   # Σ_p: what the pinhole and rigidity leave unexplained
     line_sigma_px: float = 0.05       # Σ_l: a rendered or seen edge is not a perfect line
     line_normalisation: Literal["pixel", "paper"] = "pixel"

@@ -97,7 +97,7 @@ def point_terms(T_a_b: Array, rays_a: Array, rho_a: Array, uv_b: Array, rho_b: A
     return PointTerms(*_point_rows(T, group, rays_a, rho_a, uv_b, rho_b, camera_tuple(camera)))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _point_rows(T, group, rays, rho_a, uv_b, rho_b, camera):  # type: ignore[no-untyped-def]
     n = len(rho_a)
     r, J, j = np.empty((n, 3)), np.empty((n, 3, 6)), np.empty((n, 3))
@@ -150,7 +150,7 @@ def is_pixel(normalise: str) -> bool:
     return normalise == "pixel"
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _lines_through(a, b, pixel):  # type: ignore[no-untyped-def]
     line, J = np.empty((len(a), 3)), np.empty((len(a), 3, 4))
     for n in range(len(a)):
@@ -198,7 +198,7 @@ def line_terms(T_a_b: Array, rays_a: Array, rho_a: Array, endpoints_b: Array,
                                  is_pixel(normalise)))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _line_rows(T, group, rays, rho, ends_b, camera, pixel):  # type: ignore[no-untyped-def]
     n = len(rays)
     r, J, J_flow = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty((n, 2, 4))

@@ -15,7 +15,7 @@ import numpy as np
 from slam.backend.config import AnchorConfig
 from slam.config import NoiseConfig
 from slam.frontend.observe import NO_GROUP, Observation
-from slam.frontend.points import PointConfig, detect_points
+from slam.frontend.points import PointConfig, corner_response, detect_points
 from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
 from slam.frontend.sampling import nearest
 from slam.frontend.support import patch_support, surface_image
@@ -149,7 +149,8 @@ class AnchorTracker:
         alive = self._alive
         labels = groups.astype(np.int32)
         wanted = self.config.static_count - int(np.count_nonzero(alive.body == STATIC))
-        uv, _ = detect_points(current.gray, max(wanted, 0), labels, alive.uv_now, self.corners)
+        uv, _ = detect_points(corner_response(current.gray), max(wanted, 0), labels, alive.uv_now,
+                              self.corners)
         slot = nearest(groups, uv)
         surface = fit_surfaces(current.rho, current.label_index, uv, self.noise.inverse_depth_sigma)
         keep = np.flatnonzero((surface.rho > 0) & (slot != NO_GROUP))

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def robust(chi2, huber, width):  # type: ignore[no-untyped-def]
     """Weight and loss of a squared whitened length: Huber's kernel, or Cauchy's."""
     if not np.isfinite(chi2):

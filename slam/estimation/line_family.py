@@ -57,7 +57,7 @@ class LineFamily:
             self.config.kernel == "huber", self.config.kernel_width, cost, H, g))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _whitening_of_lines(J_flow, J_rho, var_flow, var_rho, var_l):  # type: ignore[no-untyped-def]
     """L⁻¹ (N, 2, 2), lower triangular, for S = L Lᵀ."""
     out = np.zeros((len(J_flow), 2, 2))
@@ -76,7 +76,7 @@ def _whitening_of_lines(J_flow, J_rho, var_flow, var_rho, var_l):  # type: ignor
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _accumulate_lines(T, group, rays, rho, ends_b, whitening, camera,  # type: ignore[no-untyped-def]
                       pixel, huber, width, cost, H, g):
     chi = np.empty(len(rays))

@@ -89,6 +89,9 @@ def _levenberg_marquardt(problem: _Problem, T: Array, config: MotionConfig,
         diagonal = np.einsum("gii->gi", H)
         damped = H + (damping[:, None] * diagonal + 1e-12)[:, :, None] * np.eye(6)
         step = -np.linalg.solve(damped, g[:, :, None])[:, :, 0]
+        # The step's length in standard deviations says when there is nothing left to gain.
+        if np.all(np.einsum("gi,gij,gj->g", step, H, step) < config.step_tolerance**2):
+            break
         T_try = T @ se3.exp(step)
         cost_try, H_try, g_try = problem.linearise(T_try, index)
         better = cost_try <= cost
@@ -97,9 +100,6 @@ def _levenberg_marquardt(problem: _Problem, T: Array, config: MotionConfig,
         g = np.where(better[:, None], g_try, g)
         cost = np.where(better, cost_try, cost)
         damping = np.where(better, damping * 0.1, np.minimum(damping * 100.0, 1e6))
-        # The step's length in standard deviations says when there is nothing left to gain.
-        if np.all(np.einsum("gi,gij,gj->g", step, H, step) < config.step_tolerance**2):
-            break
     return T, H
 
 
@@ -149,15 +149,14 @@ class _Problem:
         """The scale s² for which the median of r² / (s² Σ_φ + depth part) is that of χ²₁."""
         f, sample = self.points, self.sample
         kinds = self.flow_scale2.shape[1]
-        class_of = f.m.group[sample] * kinds + f.m.kind[sample]
         now2 = self.flow_scale2.ravel()
+        class_of = np.repeat(f.m.group[sample] * kinds + f.m.kind[sample], 2)      # u and v
         depth_part = (j[:, :2] ** 2 * (f.var_a * f.depth_scale2)[sample, None]).ravel()
-        flow_part = np.repeat(np.einsum("nii->n", f.flow_cov[sample]) / 2.0, 2)
-        twice = np.repeat(class_of, 2)
-        ratio = r[:, :2].ravel() ** 2 / (now2[twice] * flow_part + depth_part)
-        ratio, count = _grouped_median(ratio, twice, len(now2))
-        flow, _ = _grouped_median(flow_part, twice, len(now2))
-        depth, _ = _grouped_median(depth_part, twice, len(now2))
+        flow_part = f.flow_cov[sample][:, [0, 1], [0, 1]].ravel()
+        ratio = r[:, :2].ravel() ** 2 / (now2[class_of] * flow_part + depth_part)
+        ratio, count = _grouped_median(ratio, class_of, len(now2))
+        flow, _ = _grouped_median(flow_part, class_of, len(now2))
+        depth, _ = _grouped_median(depth_part, class_of, len(now2))
         ratio /= _MEDIAN_CHI2_1
         scale2 = (ratio * (now2 * flow + depth) - depth) / np.where(count > 0, flow, 1.0)
         scale2 = np.maximum(scale2, np.maximum(0.01 * now2 * np.minimum(ratio, 1.0),
@@ -210,7 +209,7 @@ def _evenly_spread(group: Array, kind: Array) -> Array:
     return np.asarray(order[rank % np.maximum(count // _SAMPLE, 1)[group[order]] == 0])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _grouped_median(values, group, groups):  # type: ignore[no-untyped-def]
     """Median (the upper of two; 0 where empty) and count of values (N,) by group number."""
     count = np.zeros(groups, np.int64)

@@ -75,9 +75,7 @@ class PointFamily:
     def depth_innovation(self, r: Array, j: Array, index: Array) -> tuple[Array, Array]:
         """How far (M,) the residuals of the points `index` move their inverse depths, and that
         move's variance (M,)."""
-        W, var_a = self.whitening[index], (self.var_a * self.depth_scale2)[index]
-        rw, jw = np.einsum("nab,nb->na", W, r), np.einsum("nab,nb->na", W, j)
-        return -var_a * np.sum(rw * jw, axis=1), var_a**2 * np.sum(jw * jw, axis=1)
+        return _depth_innovation(self.whitening, r, j, index, self.var_a * self.depth_scale2)
 
     def common_offset(self, T: Array, group: int) -> tuple[float, float]:
         """The offset of all inverse depths of a group, 1/m, with its standard deviation.
@@ -126,7 +124,24 @@ class PointFamily:
             self.flow_cov, self.flow_scale2, self.config.reprojection_sigma_px**2))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
+def _depth_innovation(W, r, j, index, var_a):  # type: ignore[no-untyped-def]
+    moved, allowed = np.empty(len(index)), np.empty(len(index))
+    for place in range(len(index)):
+        n = index[place]
+        across = size = 0.0
+        for a in range(3):
+            rw = jw = 0.0
+            for b in range(a + 1):                   # W is lower triangular
+                rw += W[n, a, b] * r[place, b]
+                jw += W[n, a, b] * j[place, b]
+            across += rw * jw
+            size += jw * jw
+        moved[place], allowed[place] = -var_a[n] * across, var_a[n] * var_a[n] * size
+    return moved, allowed
+
+
+@numba.njit(cache=True, nogil=True)
 def _refined_uv(T, group, rays, rho, uv_b, rho_b, camera, flow_cov,  # type: ignore[no-untyped-def]
                 scale2, var_p):
     out = np.empty((len(rho), 2))
@@ -141,7 +156,7 @@ def _refined_uv(T, group, rays, rho, uv_b, rho_b, camera, flow_cov,  # type: ign
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _eliminate(T, group, rays, rho, rho_measured, uv_b, rho_b, camera,  # type: ignore[no-untyped-def]
                var_a, flow_cov, scale2, var_p, var_b):
     """L⁻¹ (N, 3, 3), lower triangular, for S = Σ_φ + Σ_p + J_ρ σ_ρ² J_ρᵀ = L Lᵀ; new ρ (N,)."""
@@ -172,7 +187,7 @@ def _eliminate(T, group, rays, rho, rho_measured, uv_b, rho_b, camera,  # type: 
     return out, rho_new
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _accumulate_points(T, index, group, rays, rho, rho_measured, uv_b,  # type: ignore[no-untyped-def]
                        rho_b, whitening, camera, huber, width, cost, H, g):
     chi = np.empty(len(index))

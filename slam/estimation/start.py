@@ -62,7 +62,7 @@ def truncated_costs(T_a_b: Array, xyz_a: Array, points: PointMatches, camera: In
         points.rho_sigma_b, camera_tuple(camera), threshold_px))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _truncated_costs(T_b_a, xyz_a, uv_b, rho_b, sigma_a, sigma_b,  # type: ignore[no-untyped-def]
                      camera, threshold):
     fx, fy, cx, cy = camera

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Literal, Protocol
 
 import cv2
+import numba
 import numpy as np
 
-from slam.frontend.sampling import bilinear, inside, neighbours
+from slam.frontend.sampling import bilinear
 from slam.geometry.arrays import Array
 from slam.types import FlowField, Intrinsics
 
@@ -109,21 +110,45 @@ def sample_flow(flow: FlowField, uv_px: Array,
     Bilinear, except that the nearest pixel counts alone where one of the 2×2 neighbours is
     invalid or lies on another instance.
     """
-    height, width = flow.flow_px.shape[:2]
-    index, weight = neighbours((height, width), uv_px)
-    four = flow.flow_px.reshape(-1, 2)[index].astype(np.float64)
-    known = np.asarray(np.isfinite(four).all(axis=-1))
-    if flow.valid is not None:
-        known &= flow.valid.reshape(-1)[index]
-    best = np.argmax(weight, axis=0)[None]
-    whole = np.asarray(known.all(axis=0))
-    if instance_id is not None:
-        label = instance_id.reshape(-1)[index]
-        whole = whole & (label == label[0]).all(axis=0)
-    weight = np.where(whole, weight, np.arange(4)[:, None] == best)
-    out = np.where(known[..., None], four, 0.0)
-    valid = np.take_along_axis(known, best, 0)[0] & inside(uv_px, (height, width))
-    return (out * weight[..., None]).sum(axis=0), valid
+    none = np.zeros((0, 0), np.bool_)
+    return _sample(flow.flow_px, none if flow.valid is None else flow.valid,
+                   none if instance_id is None else instance_id, np.asarray(uv_px, np.float64))
+
+
+@numba.njit(cache=True, nogil=True)
+def _sample(flow, valid, label, uv):  # type: ignore[no-untyped-def]
+    height, width = flow.shape[:2]
+    out, known = np.zeros((len(uv), 2)), np.zeros(len(uv), np.bool_)
+    for n in range(len(uv)):
+        u, v = uv[n]
+        if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
+            continue
+        left, top = min(int(u), max(width - 2, 0)), min(int(v), max(height - 2, 0))
+        a, b = u - left, v - top
+        near = (top + int(b > 0.5), left + int(a > 0.5))
+        if not _is_known(flow, valid, near[0], near[1]):
+            continue
+        known[n] = True
+        du = dv = 0.0
+        whole = True
+        for i in range(top, min(top + 2, height)):
+            for j in range(left, min(left + 2, width)):
+                whole &= _is_known(flow, valid, i, j) and (
+                    label.size == 0 or label[i, j] == label[top, left])
+                weight = (b if i > top else 1.0 - b) * (a if j > left else 1.0 - a)
+                du += weight * flow[i, j, 0]
+                dv += weight * flow[i, j, 1]
+        if whole:
+            out[n, 0], out[n, 1] = du, dv
+        else:
+            out[n, 0], out[n, 1] = flow[near[0], near[1], 0], flow[near[0], near[1], 1]
+    return out, known
+
+
+@numba.njit(cache=True, nogil=True)
+def _is_known(flow, valid, i, j):  # type: ignore[no-untyped-def]
+    return (np.isfinite(flow[i, j, 0]) and np.isfinite(flow[i, j, 1])
+            and (valid.size == 0 or valid[i, j]))
 
 
 def local_warps(flow_px: Array, uv_px: Array, reach_px: int = 4) -> Array:

@@ -44,7 +44,7 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
                          variance))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Array, rho_b: Array,
                group_a: Array, group_b: Array, max_change: float,
                max_noise: float) -> tuple[Array, Array]:
@@ -65,13 +65,16 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
             own = group_a[i * cell_px + cell_px // 2, j * cell_px + cell_px // 2]
             if own == 255 or (own == 0) != static:
                 continue
+            count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = 0.0
             for v in range(i * cell_px, (i + 1) * cell_px):
                 for u in range(j * cell_px, (j + 1) * cell_px):
-                    if group_a[v, u] != own or rho_a[v, u] <= 0.0:
+                    here = rho_a[v, u]
+                    if group_a[v, u] != own or here <= 0.0:
                         continue
                     if valid.size > 0 and not valid[v, u]:
                         continue
-                    there_u, there_v = u + flow[v, u, 0], v + flow[v, u, 1]
+                    du, dv = flow[v, u, 0], flow[v, u, 1]
+                    there_u, there_v = u + du, v + dv
                     if not (-0.5 <= there_u < width - 0.5 and -0.5 <= there_v < height - 0.5):
                         continue
                     to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
@@ -80,18 +83,20 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     seen = rho_b[to_v, to_u]
                     if seen > 0.0:
                         # Wide enough for the noise: a gate that cuts its tail biases the mean.
-                        if abs(seen - rho_a[v, u]) > max_change * rho_a[v, u] + max_noise:
+                        if abs(seen - here) > max_change * here + max_noise:
                             continue
-                        sums[used, 6] += 1.0
-                        sums[used, 7] += seen
-                    sums[used, 0] += 1.0
-                    sums[used, 1] += u
-                    sums[used, 2] += v
-                    sums[used, 3] += flow[v, u, 0]
-                    sums[used, 4] += flow[v, u, 1]
-                    sums[used, 5] += rho_a[v, u]
-            group[used] = own
-            used += sums[used, 0] > 0.0
+                        count_b += 1.0
+                        sum_b += seen
+                    count += 1.0
+                    sum_u += u
+                    sum_v += v
+                    flow_u += du
+                    flow_v += dv
+                    sum_a += here
+            if count > 0.0:
+                sums[used] = count, sum_u, sum_v, flow_u, flow_v, sum_a, count_b, sum_b
+                group[used] = own
+                used += 1
     return sums[:used], group[:used]
 
 

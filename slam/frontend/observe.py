@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import cv2
+import numba
 import numpy as np
 
 from slam.geometry.arrays import Array
@@ -12,6 +13,7 @@ from slam.types import Frame
 
 NO_GROUP = 255           # pixels of a mask that takes part in no motion
 _MOST_LABELS = 254
+_LARGEST_TABLE = 1_000_000
 _NEAREST_M = 1e-3        # nearer is no depth, and its inverse may be too large for float32
 
 
@@ -54,25 +56,37 @@ def observe(frame: Frame) -> Observation:
 def _compact(instance_id: Array | None, shape: tuple[int, ...]) -> tuple[Array, Array]:
     if instance_id is None or not instance_id.any():
         return np.zeros(1, np.int64), np.zeros(shape, np.uint8)
-    ids = np.maximum(np.asarray(instance_id), 0)
-    top = int(ids.max())
-    if top > 1_000_000:                       # hashes as labels: a table would be too large
-        values, inverse = np.unique(ids, return_inverse=True)
-        count = np.bincount(inverse.ravel())
+    ids = np.ascontiguousarray(instance_id)
+    if int(ids.max()) > _LARGEST_TABLE:       # hashes as labels: a table would be too large
+        values, inverse = np.unique(np.maximum(ids, 0), return_inverse=True)
+        ids = inverse.reshape(shape).astype(np.int32) + int(values[0] > 0)
+        values = values[values > 0]
     else:
-        count_all = np.bincount(ids.ravel(), minlength=top + 1)
-        values = np.flatnonzero(count_all)
-        count = count_all[values]
-    values, count = values[values > 0], count[values > 0]
-    if len(values) > _MOST_LABELS:
-        values = np.sort(values[np.argsort(-count, kind="stable")[:_MOST_LABELS]])
-    if top > 1_000_000:
-        place = np.searchsorted(values, ids)
-        known = values[np.minimum(place, len(values) - 1)] == ids
-        index = np.where(ids == 0, 0, np.where(known, place + 1, NO_GROUP)).astype(np.uint8)
-    else:
-        table = np.full(top + 1, NO_GROUP, np.uint8)
-        table[0] = 0
-        table[values] = np.arange(1, len(values) + 1)
-        index = table[ids]
-    return np.concatenate([[0], values]).astype(np.int64), index
+        values = np.arange(1, int(ids.max()) + 1)
+    count = _count(ids, len(values) + 1)[1:]
+    kept = np.flatnonzero(count)
+    if len(kept) > _MOST_LABELS:
+        kept = np.sort(kept[np.argsort(-count[kept], kind="stable")[:_MOST_LABELS]])
+    table = np.full(len(values) + 1, NO_GROUP, np.uint8)
+    table[0] = 0
+    table[kept + 1] = np.arange(1, len(kept) + 1)
+    return np.concatenate([[0], values[kept]]).astype(np.int64), _looked_up(ids, table)
+
+
+@numba.njit(cache=True, nogil=True)
+def _count(ids, size):  # type: ignore[no-untyped-def]
+    """Pixels of each number (size,); negative ones count as 0."""
+    count = np.zeros(size, np.int64)
+    for row in range(ids.shape[0]):
+        for column in range(ids.shape[1]):
+            count[max(ids[row, column], 0)] += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _looked_up(ids, table):  # type: ignore[no-untyped-def]
+    out = np.empty(ids.shape, np.uint8)
+    for row in range(ids.shape[0]):
+        for column in range(ids.shape[1]):
+            out[row, column] = table[max(ids[row, column], 0)]
+    return out

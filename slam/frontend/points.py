@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 
 from slam.geometry.arrays import Array
+
+_RADIUS_PX = 2      # of the corner's window
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,148 +23,138 @@ class PointConfig:
     mask_margin_px: int = 2           # a 2×2 flow or depth lookup and mask errors of 1–2 px
     border_margin_px: int = 8         # the refinement's patch and its moves stay in the image
     track_margin_px: int = 4          # distance of a new point to living tracks
-    block_px: int = 5                 # window of the corner's structure tensor
     min_eigenvalue: float = 0.1       # (grey/px)²; weak patches say so in their covariance
 
 
-def detect_points(gray: Array, count: int, instance_id: Array | None = None,
+def corner_response(gray: Array) -> Array:
+    """(H, W) float32: smaller eigenvalue of the mean structure tensor over 5×5 px, (grey/px)²."""
+    dx, dy = cv2.spatialGradient(np.ascontiguousarray(gray))
+    return np.asarray(_smaller_eigenvalue(dx, dy))
+
+
+@numba.njit(cache=True, nogil=True)
+def _smaller_eigenvalue(dx, dy):  # type: ignore[no-untyped-def]
+    """Of the mean of g gᵀ over a window; sums are of whole numbers, hence exact."""
+    height, width = dx.shape
+    side = 2 * _RADIUS_PX + 1
+    out = np.zeros((height, width), np.float32)
+    scale = np.float32(1.0 / (64 * side * side))        # Sobel's kernel has a gain of 8
+    xx, xy, yy = np.zeros(width, np.int32), np.zeros(width, np.int32), np.zeros(width, np.int32)
+    for v in range(height):
+        for u in range(width):                          # sums over the rows of the window
+            gx, gy = np.int32(dx[v, u]), np.int32(dy[v, u])
+            xx[u] += gx * gx
+            xy[u] += gx * gy
+            yy[u] += gy * gy
+        if v >= side:
+            for u in range(width):
+                gx, gy = np.int32(dx[v - side, u]), np.int32(dy[v - side, u])
+                xx[u] -= gx * gx
+                xy[u] -= gx * gy
+                yy[u] -= gy * gy
+        if v < side - 1:
+            continue
+        for u in range(_RADIUS_PX, width - _RADIUS_PX):
+            a, b, c = np.int32(0), np.int32(0), np.int32(0)
+            for k in range(-_RADIUS_PX, _RADIUS_PX + 1):
+                a += xx[u + k]
+                b += xy[u + k]
+                c += yy[u + k]
+            half = np.float32(0.5) * np.float32(a - c)
+            root = np.sqrt(half * half + np.float32(b) * np.float32(b))
+            out[v - _RADIUS_PX, u] = scale * (np.float32(0.5) * np.float32(a + c) - root)
+    return out
+
+
+def detect_points(response: Array, count: int, instance_id: Array | None = None,
                   existing_uv: Array | None = None,
                   config: PointConfig | None = None) -> tuple[Array, Array]:
-    """New corners (Shi–Tomasi), the strongest of each grid cell.
+    """New corners, the strongest of each grid cell.
 
     Args:
-        gray: (H, W) uint8.
+        response: (H, W) float32 from `corner_response`.
         count: at most so many points off objects; objects have `object_count` each besides.
         instance_id: (H, W) int, 0 = background; None: no objects.
         existing_uv: (M, 2) points that live already: no new one comes near them.
         config: distances and grid.
     Returns:
-        uv_px (N, 2) float64 and their response (N,), the smaller eigenvalue of the mean
-        structure tensor in (grey/px)². Both are empty on an image without texture.
+        uv_px (N, 2) float64 and their response (N,). Both are empty on an image without texture.
     """
     config = PointConfig() if config is None else config
-    return pick_points(corner_strength(gray, instance_id, config), count, instance_id,
-                       existing_uv, config)
+    labels = np.zeros((1, 1), np.int32) if instance_id is None else np.asarray(instance_id)
+    static, moving = _best_of_cells(
+        response, labels, _near(response.shape, existing_uv, config.track_margin_px),
+        config.static_cell_px, config.object_cell_px, config.border_margin_px,
+        config.mask_margin_px, config.min_eigenvalue)
+    flat = response.reshape(-1)
+    chosen = static[np.sort(np.argsort(-flat[static], kind="stable")[:max(count, 0)])]
+    if len(moving):
+        label = labels.reshape(-1)[moving]
+        order = np.lexsort((-flat[moving], label))
+        starts = np.searchsorted(label[order], label[order], side="left")
+        within = order[np.arange(len(order)) - starts < config.object_count]
+        chosen = np.concatenate([chosen, moving[np.sort(within)]])
+    v, u = np.divmod(chosen, response.shape[1])
+    return np.stack([u, v], axis=-1).astype(np.float64), flat[chosen].astype(np.float64)
 
 
-def corner_strength(gray: Array, instance_id: Array | None, config: PointConfig) -> Array:
-    """(H, W) float32 corner response, 0 too near to the image's border or a mask's."""
-    response = corner_response(gray, config.block_px)
-    if instance_id is not None:
-        response[_mask_borders(instance_id, config.mask_margin_px)] = 0.0
-    b = config.border_margin_px
-    if b > 0:
-        response[:b] = response[-b:] = 0.0
-        response[:, :b] = response[:, -b:] = 0.0
-    return response
+@numba.njit(cache=True, nogil=True)
+def _best_of_cells(response, labels, taken, static_cell, object_cell,  # type: ignore[no-untyped-def]
+                   border, margin, weakest):
+    """Flat numbers of the strongest allowed pixel of each cell: background, then objects.
+
+    A pixel is looked at closely only where it would be its cell's best so far.
+    """
+    height, width = response.shape
+    one_label = labels.size == 1
+    across = (-(-width // static_cell), -(-width // object_cell))
+    places = (np.full(across[0] * -(-height // static_cell), -1),
+              np.full(1 if one_label else across[1] * -(-height // object_cell), -1))
+    best = (np.full(len(places[0]), weakest), np.full(len(places[1]), weakest))
+    top, left = _first(labels)        # the fine grid moves with what moves
+    column = (np.arange(width) // static_cell,
+              np.maximum(np.arange(width) - left, 0) // object_cell)
+    for v in range(border, height - border):
+        row = (v // static_cell * across[0], max(v - top, 0) // object_cell * across[1])
+        for u in range(border, width - border):
+            kind = 0 if one_label or labels[v, u] == 0 else 1
+            cell = row[kind] + column[kind][u]
+            if response[v, u] <= best[kind][cell] or taken[v, u]:
+                continue
+            if one_label or _alike(labels, v, u, margin):
+                best[kind][cell], places[kind][cell] = response[v, u], v * width + u
+    return places[0][places[0] >= 0], places[1][places[1] >= 0]
 
 
-def pick_points(strength: Array, count: int, instance_id: Array | None,
-                existing_uv: Array | None, config: PointConfig) -> tuple[Array, Array]:
-    """`detect_points` where `corner_strength` has been computed; it is left as it is."""
-    response = strength
-    if existing_uv is not None and len(existing_uv):
-        response = np.where(_near(existing_uv, strength.shape, config.track_margin_px),
-                            np.float32(0), strength)
-    if instance_id is None or not instance_id.any():
-        at = _strongest(*_best_per_cell(response, config.static_cell_px), count, config)
-    else:
-        on_object = instance_id != 0
-        background = np.where(on_object, np.float32(0), response)
-        static = _strongest(*_best_per_cell(background, config.static_cell_px), count, config)
-        row0, column0, window = _bounding_window(on_object)
-        row, column, best = _best_per_cell(np.where(on_object[window], response[window],
-                                                    np.float32(0)), config.object_cell_px)
-        row, column = row + row0, column + column0
-        moving = _strongest_per_label(row, column, best, instance_id[row, column], config)
-        at = (np.concatenate([static[0], moving[0]]), np.concatenate([static[1], moving[1]]))
-    uv = np.stack([at[1], at[0]], axis=-1).astype(np.float64)
-    return uv, response[at].astype(np.float64)
+@numba.njit(cache=True, nogil=True)
+def _first(labels):  # type: ignore[no-untyped-def]
+    """First row and first column with a label that is not 0."""
+    top, left = labels.shape
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            if labels[v, u] != 0:
+                top, left = min(top, v), min(left, u)
+    return top, left
 
 
-def corner_response(gray: Array, block_px: int) -> Array:
-    """(H, W) float32: smaller eigenvalue of the mean structure tensor, (grey/px)²."""
-    # OpenCV scales an 8-bit image to [0, 1] and gives Sobel derivatives a gain of 2.
-    return np.asarray(cv2.cornerMinEigenVal(gray, block_px)) * np.float32(255.0 ** 2 / 4.0)
+@numba.njit(cache=True, nogil=True)
+def _alike(labels, v, u, margin):  # type: ignore[no-untyped-def]
+    """Whether all pixels within a margin have the middle one's label."""
+    for y in range(max(v - margin, 0), min(v + margin + 1, labels.shape[0])):
+        for x in range(max(u - margin, 0), min(u + margin + 1, labels.shape[1])):
+            if labels[y, x] != labels[v, u]:
+                return False
+    return True
 
 
-def _mask_borders(instance_id: Array, margin_px: int) -> Array:
-    """(H, W) bool: the pixels nearer to another label than `margin_px`, diagonals included."""
-    across = instance_id[:, 1:] != instance_id[:, :-1]
-    along = instance_id[1:] != instance_id[:-1]
-    edge = np.zeros(instance_id.shape, np.uint8)
-    edge[:, 1:] |= across
-    edge[:, :-1] |= across
-    edge[1:] |= along
-    edge[:-1] |= along
-    diagonal = instance_id[1:, 1:] != instance_id[:-1, :-1]
-    other = instance_id[1:, :-1] != instance_id[:-1, 1:]
-    edge[1:, 1:] |= diagonal
-    edge[:-1, :-1] |= diagonal
-    edge[1:, :-1] |= other
-    edge[:-1, 1:] |= other
-    # Both pixels of a border are marked, so a box of margin − 1 leaves `margin` pixels free.
-    return _grown(edge, margin_px - 1).astype(bool)
-
-
-def _near(uv_px: Array, shape: tuple[int, ...], margin_px: int) -> Array:
-    """(H, W) bool: the pixels within a margin of positions (N, 2)."""
-    taken = np.zeros(shape, np.uint8)
-    finite = uv_px[np.isfinite(uv_px).all(axis=-1)]
+def _near(shape: tuple[int, ...], uv: Array | None, by_px: int) -> Array:
+    """(H, W) bool: the squares of 2 by_px + 1 pixels around positions (M, 2)."""
+    near = np.zeros(shape, np.uint8)
+    if uv is None or len(uv) == 0:
+        return near.view(np.bool_)
+    finite = uv[np.isfinite(uv).all(axis=-1)]
     column, row = np.rint(finite).astype(np.intp).T
     keep = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
-    taken[row[keep], column[keep]] = 1
-    return _grown(taken, margin_px).astype(bool)
-
-
-def _grown(mask: Array, by_px: int) -> Array:
-    """The mask with every set pixel grown to a square of 2 by_px + 1 pixels."""
-    if by_px <= 0:
-        return mask
+    near[row[keep], column[keep]] = 1
     side = 2 * by_px + 1
-    return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)))
-
-
-def _bounding_window(mask: Array) -> tuple[int, int, tuple[slice, slice]]:
-    """First row, first column and slices of the box around the set pixels."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    columns = np.flatnonzero(mask.any(axis=0))
-    window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-    return int(rows[0]), int(columns[0]), window
-
-
-def _best_per_cell(response: Array, cell_px: int) -> tuple[Array, Array, Array]:
-    """Row, column and response of the strongest pixel of each cell of a grid."""
-    height, width = response.shape
-    down, across = -height % cell_px, -width % cell_px
-    padded = cv2.copyMakeBorder(response, 0, down, 0, across, cv2.BORDER_CONSTANT, value=0.0)
-    rows, columns = padded.shape[0] // cell_px, padded.shape[1] // cell_px
-    cells = np.ascontiguousarray(
-        padded.reshape(rows, cell_px, columns, cell_px).transpose(0, 2, 1, 3)
-    ).reshape(rows * columns, cell_px * cell_px)
-    best = cells.argmax(axis=1)
-    cell_row, cell_column = np.divmod(np.arange(rows * columns), columns)
-    strength = cells[np.arange(len(cells)), best]
-    # A cell without response puts its maximum on its first pixel, which may be padding.
-    row = np.minimum(cell_row * cell_px + best // cell_px, height - 1)
-    column = np.minimum(cell_column * cell_px + best % cell_px, width - 1)
-    return row, column, strength
-
-
-def _strongest(row: Array, column: Array, strength: Array, count: int,
-               config: PointConfig) -> tuple[Array, Array]:
-    """Rows and columns of the `count` strongest above the threshold, in raster order."""
-    good = np.flatnonzero(strength >= config.min_eigenvalue)
-    if len(good) > count:
-        good = np.sort(good[np.argsort(-strength[good], kind="stable")[:max(count, 0)]])
-    return row[good], column[good]
-
-
-def _strongest_per_label(row: Array, column: Array, strength: Array, label: Array,
-                         config: PointConfig) -> tuple[Array, Array]:
-    """Rows and columns of the `object_count` strongest of each label above the threshold."""
-    good = np.flatnonzero(strength >= config.min_eigenvalue)
-    order = good[np.lexsort((-strength[good], label[good]))]
-    starts = np.searchsorted(label[order], label[order], side="left")
-    order = np.sort(order[np.arange(len(order)) - starts < config.object_count])
-    return row[order], column[order]
+    return np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8))).view(np.bool_)

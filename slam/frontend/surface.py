@@ -42,7 +42,7 @@ def fit_surfaces(rho: Array, label_index: Array, uv_px: Array,
     return SurfacePatches(out[:, 0], out[:, 1:3], out[:, 3])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _fit_all(rho: Array, label_index: Array, uv: Array, sigma: float) -> Array:
     """(N, 4): ρ₀, slope u, slope v, gain; ρ₀ = 0 and gain 1 where there is no fit."""
     height, width = rho.shape
@@ -71,7 +71,7 @@ def _fit_all(rho: Array, label_index: Array, uv: Array, sigma: float) -> Array:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _fit(rho, label_index, window, u, v, row, column, near, step):  # type: ignore[no-untyped-def]
     """Least-squares plane of the window's pixels within `step` of the plane `near`.
 

@@ -23,10 +23,9 @@ def check_shape(name: str, array: Array, wanted: tuple[int | str, ...],
     sizes = {} if sizes is None else sizes
     got = np.shape(array)
     fits = len(got) == len(wanted)
-    if fits:
-        for size, want in zip(got, wanted, strict=True):
-            expected = sizes.setdefault(want, size) if isinstance(want, str) else want
-            fits = fits and size == expected
+    for size, want in zip(got, wanted, strict=True) if fits else ():
+        if want != size and (not isinstance(want, str) or sizes.setdefault(want, size) != size):
+            fits = False
     if not fits:
         shown = ", ".join(f"{w}={sizes[w]}" if isinstance(w, str) and w in sizes else str(w)
                           for w in wanted)
@@ -45,6 +44,7 @@ def freeze_fields(instance: object, **wanted: tuple[int | str, ...]) -> None:
             continue
         array = np.asarray(value)
         check_shape(f"{type(instance).__name__}.{name}", array, shape, sizes)
-        view = array.view()
-        view.flags.writeable = False
-        object.__setattr__(instance, name, view)
+        if array.flags.writeable or array is not value:
+            array = array.view()
+            array.flags.writeable = False
+            object.__setattr__(instance, name, array)

@@ -16,7 +16,7 @@ from slam.estimation.tracks import (
 )
 from slam.frontend.follow import match_segments
 from slam.frontend.observe import Observation
-from slam.frontend.points import PointConfig, corner_strength, pick_points
+from slam.frontend.points import PointConfig, corner_response, detect_points
 from slam.frontend.sampling import depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.geometry.arrays import Array
@@ -28,16 +28,16 @@ from slam.types import Points2D, Segments2D
 class Detected:
     """What a frame's picture shows by itself, whatever is carried to it."""
 
-    corner_strength: Array    # (H, W) float32
+    corners: Array            # (H, W) float32 corner response
     segments: Array           # (N, 2, 2) px
 
 
 def detect(current: Observation, config: SdplConfig) -> Detected:
     """The part of detection that needs nothing but the frame."""
-    strength = corner_strength(current.gray, current.frame.instance_id, PointConfig())
+    corners = corner_response(current.gray)
     if not config.segments.enabled:
-        return Detected(strength, np.zeros((0, 2, 2)))
-    return Detected(strength, detect_segments(current.gray, config.segments.detector,
+        return Detected(corners, np.zeros((0, 2, 2)))
+    return Detected(corners, detect_segments(current.gray, config.segments.detector,
                                               config.segments.min_length_px))
 
 
@@ -78,8 +78,7 @@ class FeatureTracker:
     def found_on(self, current: Observation, detected: Detected) -> bool:
         """Whether a frame has corners with depth on it, enough to track from."""
         wanted = self.config.start.min_points
-        uv, _ = pick_points(detected.corner_strength, 10 * wanted, current.frame.instance_id, None,
-                            PointConfig())
+        uv, _ = detect_points(detected.corners, 10 * wanted, current.frame.instance_id)
         return int(np.count_nonzero(depth_at(current.frame.depth_m, uv))) >= wanted
 
     def finished_static_line_lengths(self) -> Array:
@@ -91,19 +90,19 @@ class FeatureTracker:
         self._finished_static.append(self._age[gone & (self.segments.instance_id == 0)])
 
     def _complete(self, current: Observation, detected: Detected) -> None:
-        self._complete_points(current, detected.corner_strength)
+        self._complete_points(current, detected.corners)
         if self.config.segments.enabled:
             self._complete_segments(current, detected.segments)
 
-    def _complete_points(self, current: Observation, strength: Array) -> None:
+    def _complete_points(self, current: Observation, corners: Array) -> None:
         """Fill the empty cells of the static world, and the gaps on objects."""
         labels = _label_image(current)
         # Spread, not strongest first: what is strong may lie all in one far tree.
         cell_px = max(8, round(np.sqrt(current.gray.size / self.config.points.static_count)))
         self.points = _one_per_cell(self.points, cell_px)
         settings = PointConfig(static_cell_px=cell_px, object_count=self.config.points.object_count)
-        uv, _ = pick_points(strength, strength.size, current.frame.instance_id,
-                            self.points.uv_px, settings)
+        uv, _ = detect_points(corners, corners.size, current.frame.instance_id,
+                              self.points.uv_px, settings)
         depth = depth_at(current.frame.depth_m, uv)
         uv, depth = uv[depth > 0], depth[depth > 0]
         ids, self._numbers = self._numbers.take(len(uv))

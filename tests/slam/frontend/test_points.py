@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slam.frontend.points import PointConfig, detect_points
+from slam.frontend.points import PointConfig, corner_response, detect_points
 from wave_pictures import picture
 
 SIZE = (160, 200)
@@ -27,7 +27,7 @@ def distance_to(mask):
 
 def test_points_are_spread_one_per_cell():
     config = PointConfig()
-    uv, response = detect_points(picture(), 10_000, config=config)
+    uv, response = detect_points(corner_response(picture()), 10_000, config=config)
     cells = np.unique(uv.astype(int) // config.static_cell_px, axis=0)
     assert len(cells) == len(uv) == len(response)
     assert len(uv) > 0.7 * (SIZE[0] // config.static_cell_px) * (SIZE[1] // config.static_cell_px)
@@ -35,15 +35,15 @@ def test_points_are_spread_one_per_cell():
 
 
 def test_count_keeps_the_strongest():
-    _, response = detect_points(picture(), 10_000)
-    fewer, best = detect_points(picture(), 20)
+    _, response = detect_points(corner_response(picture()), 10_000)
+    fewer, best = detect_points(corner_response(picture()), 20)
     assert len(fewer) == 20
     np.testing.assert_allclose(np.sort(best), np.sort(response)[-20:])
 
 
 def test_objects_are_denser_and_borders_are_kept_off():
     labels, config = objects(), PointConfig()
-    uv, _ = detect_points(picture(), 10_000, labels, config=config)
+    uv, _ = detect_points(corner_response(picture()), 10_000, labels, config=config)
     at = uv.astype(int)
     label = labels[at[:, 1], at[:, 0]]
     per_pixel = {each: (label == each).sum() / (labels == each).sum() for each in (0, 7, 300)}
@@ -61,15 +61,16 @@ def test_objects_are_denser_and_borders_are_kept_off():
 def test_each_object_has_its_own_quota():
     config = replace(PointConfig(), object_count=5)
     labels = objects()
-    uv, _ = detect_points(picture(), 0, labels, config=config)
+    uv, _ = detect_points(corner_response(picture()), 0, labels, config=config)
     label = labels[uv[:, 1].astype(int), uv[:, 0].astype(int)]
     assert {each: int((label == each).sum()) for each in (0, 7, 300)} == {0: 0, 7: 5, 300: 5}
 
 
 def test_living_tracks_are_kept_off():
-    first, _ = detect_points(picture(), 10_000)
+    first, _ = detect_points(corner_response(picture()), 10_000)
     far_away = np.array([[np.nan, 4.0], [1e7, -3.0]])
-    second, _ = detect_points(picture(), 10_000, existing_uv=np.concatenate([first, far_away]))
+    second, _ = detect_points(corner_response(picture()), 10_000,
+                              existing_uv=np.concatenate([first, far_away]))
     gap = np.abs(second[:, None] - first[None]).max(axis=-1).min(axis=1)
     assert len(second) > 0
     assert (gap > PointConfig().track_margin_px).all()
@@ -77,6 +78,6 @@ def test_living_tracks_are_kept_off():
 
 @pytest.mark.parametrize("grey", [0, 255])
 def test_an_image_without_texture_gives_nothing(grey):
-    uv, response = detect_points(np.full(SIZE, grey, np.uint8), 500, objects())
+    uv, response = detect_points(corner_response(np.full(SIZE, grey, np.uint8)), 500, objects())
     assert uv.shape == (0, 2)
     assert response.shape == (0,)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.frontend.flow import DisFlow, round_trip_error, sample_flow
-from slam.frontend.points import detect_points
+from slam.frontend.points import corner_response, detect_points
 from slam.frontend.refine import prepare_image, refine_matches
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.frontend.stereo import depth_from_stereo
@@ -36,7 +36,7 @@ def street():
 
 def test_refinement_agrees_with_itself_there_and_back(street):
     previous, current, labels = street
-    uv, _ = detect_points(previous, 1200, labels)
+    uv, _ = detect_points(corner_response(previous), 1200, labels)
     assert len(uv) > 1000
     assert (labels[uv[:, 1].astype(int), uv[:, 0].astype(int)] > 0).sum() > 200
     flow = DisFlow("fast")
