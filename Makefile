@@ -9,13 +9,14 @@ READY := $(VENV)/.ready
 # One thread for each OpenBLAS call: equal bytes on every machine, and faster on arrays this small.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check wheel opengl clean help
+.PHONY: demo test check gate wheel opengl clean help
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    render four swinging boxes, run SDPL-SLAM on them, write demo/report.html"
 	@echo "make test    the test suite"
 	@echo "make check   style, types and the layering of the modules"
+	@echo "make gate    the suite smoke, held against baselines/smoke.json"
 	@echo "make wheel   build the wheel and try it outside the source tree"
 	@echo "make clean   remove what these made, but for the virtual environment"
 
@@ -41,6 +42,11 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache --no-logo
+
+gate: $(READY) opengl
+	rm -rf build/smoke
+	$(BIN)/simbench suite smoke --out build/smoke
+	$(BIN)/simbench gate build/smoke --baseline baselines/smoke.json
 
 wheel: $(READY) opengl
 	bash scripts/check_wheel.sh $(BIN)/python

@@ -1,4 +1,4 @@
-"""What a handful of seeds says: bootstrap intervals, paired changes, how many seeds are enough."""
+"""What a handful of seeds says: bootstrap intervals, and how many seeds are enough."""
 
 from __future__ import annotations
 
@@ -44,27 +44,6 @@ def mean_interval(values: Sequence[float] | Array, level: float = LEVEL) -> Inte
                             method="percentile", rng=np.random.default_rng(0)).confidence_interval
     # A mean of resampled equal values may differ from theirs in the last bit.
     return Interval(mean, min(float(found.low), mean), max(float(found.high), mean), len(values))
-
-
-def worse_than(values: Sequence[float] | Array, bound: float) -> float:
-    """The one-sided p-value of Student's t for "the mean of these values (n,) is ≤ `bound`".
-
-    One value says nothing of the noise: 0 above the bound, 1 else. So do values that are equal.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if len(values) < 2 or np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
-        return 0.0 if float(values.mean()) > bound else 1.0
-    return float(stats.ttest_1samp(values, bound, alternative="greater").pvalue)
-
-
-def holm_rejected(p_values: Sequence[float] | Array, alpha: float) -> Array:
-    """(m,) bool: which of m hypotheses fall, with at most `alpha` for any false one (Holm 1979)."""
-    p = np.asarray(p_values, dtype=np.float64)
-    order = np.argsort(p, kind="stable")
-    passes = p[order] <= alpha / np.arange(len(p), 0, -1)
-    rejected = np.zeros(len(p), dtype=bool)
-    rejected[order[:int(np.argmin(np.append(passes, False)))]] = True
-    return rejected
 
 
 def seeds_needed(values: Sequence[float] | Array, resolution: float,

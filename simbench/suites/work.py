@@ -8,7 +8,7 @@ import tempfile
 import traceback
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -137,7 +137,17 @@ def failed(run: Run, reason: str, *, again: bool, log: str = "") -> RunResult:
 
 def _head(run: Run) -> dict[str, Any]:
     return {"key": run.key, "case": run.case, "point": dict(run.point), "system": run.system,
-            "seed": run.seed, "folder": run.folder}
+            "seed": run.seed, "folder": run.folder, "asked": asked_of(run)}
+
+
+def asked_of(run: Run) -> dict[str, Any]:
+    """What the system was asked to do, as a gate compares it: scene, dials, frames, inputs."""
+    spec = run.sequence
+    asked = {"scene": spec.scene, "folder": Path(spec.folder).name, "dials": dict(spec.dials),
+             "frames": spec.frames, "size": list(spec.size or ()), "fps": spec.fps,
+             "settings": list(run.settings)}
+    asked |= {f"input {key}": value for key, value in asdict(run.choice).items()}
+    return {key: value for key, value in asked.items() if value not in (None, "", {}, [])}
 
 
 def start_worker(threads: int) -> None:

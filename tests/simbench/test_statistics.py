@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simbench.statistics import holm_rejected, mean_interval, seeds_needed, worse_than
+from simbench.statistics import mean_interval, seeds_needed
 
 
 def test_an_interval_holds_its_mean_and_equal_values_have_none():
@@ -24,21 +24,6 @@ def test_an_interval_of_many_values_is_that_of_the_normal_distribution():
     half = 1.96 * values.std(ddof=1) / 20.0
     assert found.high - found.mean == pytest.approx(half, rel=0.1)
     assert found.mean - found.low == pytest.approx(half, rel=0.1)
-
-
-def test_worse_than_a_bound_needs_more_than_noise():
-    assert worse_than([0.10, 0.11, 0.09, 0.10, 0.12], 0.02) < 1e-3
-    assert worse_than([0.10, -0.11, 0.09, -0.10, 0.12], 0.02) > 0.2
-    assert worse_than([0.0, 0.0, 0.0], 0.0) == 1.0       # nothing changed
-    assert worse_than([0.1, 0.1, 0.1], 0.02) == 0.0      # all changed alike
-    assert worse_than([0.1], 0.02) == 0.0                # one seed: the bound alone decides
-    assert worse_than([0.01], 0.02) == 1.0
-
-
-def test_holm_rejects_from_the_smallest_on_until_one_holds():
-    assert holm_rejected([0.04, 0.001, 0.02, 0.5], 0.05).tolist() == [False, True, False, False]
-    assert holm_rejected([0.01, 0.01, 0.01], 0.05).all()
-    assert holm_rejected([], 0.05).tolist() == []
 
 
 def test_the_number_of_seeds_makes_the_interval_as_narrow_as_wanted():

@@ -1,0 +1,171 @@
+"""A baseline: what a run or a suite gave when somebody said that it was right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from simbench.datasets.rows import read_text
+from simbench.errors import BadFile, UserError
+from simbench.metric_names import COVERAGES, SHOWN, Metric, find_metric, flat_metrics
+from simbench.run_folder import read_metrics
+from simbench.run_to_folder import versions
+from simbench.storage import write_json
+from simbench.suites.folder import read_json_object
+
+SCHEMA = 1
+_MOST_BYTES = 50_000_000
+_ASKED_OF_A_RUN = ("source", "dials", "frames", "size", "fps", "inputs")
+
+
+@dataclass(frozen=True, slots=True)
+class BlessedRun:
+    """One run: what was asked for, what bytes the system was given, what came out."""
+
+    case: str
+    point: Mapping[str, Any]
+    system: str
+    seed: int
+    asked: Mapping[str, Any]
+    status: str
+    given_sha256: str
+    values: Mapping[str, float]
+
+    @property
+    def cell(self) -> tuple[str, str, str]:
+        """Runs of one cell differ by their seed only."""
+        return self.case, repr(sorted(self.point.items())), self.system
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """The runs, and the metrics that are guarded, with what change of each is none."""
+
+    name: str
+    metrics: tuple[Metric, ...]
+    runs: tuple[BlessedRun, ...]
+
+
+def bless(place: Path, baseline: Path) -> Baseline:
+    """Write the baseline of a run's or a suite's folder; returns it.
+
+    Raises:
+        BadFile: no finished run or suite is there.
+        UserError: a run of it failed, so that there is nothing to hold others against.
+        OSError: the file cannot be written.
+    """
+    found = outcome_of(place)
+    bad = [run for run in found.runs if run.status != "done"]
+    if bad:
+        raise UserError(f"{place}: {len(bad)} of {len(found.runs)} runs were lost or failed, first "
+                        f"{bad[0].case} {bad[0].system} seed {bad[0].seed}; mend them before "
+                        "blessing")
+    baseline.parent.mkdir(parents=True, exist_ok=True)
+    write_json(baseline, {
+        "schema": SCHEMA, "name": found.name, "versions": versions(),
+        "metrics": {m.name: {"unit": m.unit, "better": m.better, "relative": m.relative,
+                             "tolerance": m.tolerance} for m in found.metrics},
+        "runs": [{"case": run.case, "point": dict(run.point), "system": run.system,
+                  "seed": run.seed, "asked": dict(run.asked), "status": run.status,
+                  "given_sha256": run.given_sha256, "values": dict(run.values)}
+                 for run in found.runs]})
+    return found
+
+
+def outcome_of(place: Path) -> Baseline:
+    """What a run's or a suite's folder holds, as a baseline would. Raises BadFile."""
+    if (place / "results.json").is_file():
+        return _of_suite(place)
+    if (place / "suite.json").is_file():
+        raise BadFile(f"{place}: this suite is not finished; finish it with --resume")
+    if not place.is_dir():
+        raise BadFile(f"{place}: no such folder; give the folder of a run or a suite")
+    return _of_run(place)
+
+
+def read_baseline(path: Path) -> Baseline:
+    """A baseline from its file.
+
+    Raises:
+        BadFile: it is missing, or not a baseline of this schema; the message says where.
+    """
+    if path.is_file() and path.stat().st_size > _MOST_BYTES:
+        raise BadFile(f"{path}: larger than 50 MB; this is no baseline")
+    value = read_json_object(path, "write one with `simbench bless RUN_OR_SUITE --baseline FILE`")
+    if value.get("schema") != SCHEMA:
+        raise BadFile(f"{path}: schema is {value.get('schema')!r}, wanted {SCHEMA}; bless it again")
+    try:
+        metrics = tuple(_metric(name, m) for name, m in value["metrics"].items())
+        return Baseline(str(value["name"]), metrics, tuple(_run(run) for run in value["runs"]))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise BadFile(f"{path}: not a baseline ({type(error).__name__}: {error}); bless it again"
+                      ) from None
+
+
+def _metric(name: str, value: Mapping[str, Any]) -> Metric:
+    known = find_metric(name)
+    tolerance = _finite(value["tolerance"])
+    if value["better"] not in ("lower", "higher") or tolerance < 0:
+        raise ValueError(f"metric {name}")
+    return Metric(name, known.unit, value["better"], tolerance, bool(value["relative"]),
+                  known.floor, known.help)
+
+
+def _run(value: Mapping[str, Any]) -> BlessedRun:
+    return BlessedRun(str(value["case"]), dict(value["point"]), str(value["system"]),
+                      int(value["seed"]), dict(value["asked"]), str(value["status"]),
+                      str(value["given_sha256"]),
+                      {str(k): _finite(v) for k, v in value["values"].items()})
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not finite")
+    return number
+
+
+def _of_suite(place: Path) -> Baseline:
+    results = read_json_object(place / "results.json", "run the suite again")
+    try:
+        suite = results["suite"]
+        metrics = tuple(find_metric(name) for name in dict.fromkeys((*suite["metrics"],
+                                                                     *COVERAGES)))
+        runs = tuple(_blessed(run["case"], run["point"], run["system"], run["seed"],
+                              run["asked"], run["status"], run.get("sequence", {}),
+                              run.get("metrics", {}), metrics) for run in results["runs"])
+        return Baseline(f"{suite['name']} version {suite['version']}", metrics, runs)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise BadFile(f"{place / 'results.json'}: not the results of a suite "
+                      f"({type(error).__name__}: {error}); run it again") from None
+
+
+def _of_run(place: Path) -> Baseline:
+    metrics = tuple(find_metric(name) for name in (*SHOWN, *COVERAGES))
+    found = read_metrics(place)
+    try:
+        config = yaml.safe_load(read_text(place / "config.yaml"))
+        asked = {key: config[key] for key in _ASKED_OF_A_RUN if config.get(key)}
+        name = str(found["sequence"]["name"])
+        if "/" in str(asked.get("source", "")):
+            asked["source"] = name      # a folder may lie elsewhere
+        status = "done" if found.get("camera", {}).get("coverage") else "lost"
+        run = _blessed(name, {}, str(found["system"]), int(config.get("seed", 0)), asked, status,
+                       found["sequence"], flat_metrics(found), metrics)
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
+        raise BadFile(f"{place}: not a run of this version ({type(error).__name__}); run it again"
+                      ) from None
+    return Baseline(name, metrics, (run,))
+
+
+def _blessed(case: str, point: Mapping[str, Any], system: str, seed: int,
+             asked: Mapping[str, Any], status: str, sequence: Mapping[str, Any],
+             values: Mapping[str, float], metrics: Sequence[Metric]) -> BlessedRun:
+    given = sequence.get("given_sha256") or sequence.get("sha256", "")
+    return BlessedRun(case, point, system, seed, asked, status, str(given),
+                      {m.name: values[m.name] for m in metrics if m.name in values})

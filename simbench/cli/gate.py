@@ -1,0 +1,45 @@
+"""`simbench bless` and `simbench gate`: record a baseline on purpose, and hold runs against it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Place = Annotated[Path, typer.Argument(metavar="RUN_OR_SUITE", help="The folder of either.")]
+BaselineFile = Annotated[Path, typer.Option("--baseline", metavar="FILE", help="A JSON file.")]
+
+
+def bless_command(place: Place, baseline: BaselineFile) -> None:
+    """Say that these results are right: gates hold later ones against them."""
+    from simbench.baseline import bless
+
+    found = bless(place, baseline)
+    typer.echo(f"{baseline}: {found.name}, {len(found.runs)} runs, "
+               f"{', '.join(metric.name for metric in found.metrics)}")
+
+
+def gate_command(place: Place, baseline: BaselineFile) -> None:
+    """Compare with a baseline, in pairs of equal seeds; exit code 1 on a regression."""
+    from simbench.baseline import outcome_of, read_baseline
+    from simbench.gate import judge
+
+    verdict = judge(read_baseline(baseline), outcome_of(place))
+    if verdict.other_bytes:
+        typer.echo(f"note: {len(verdict.other_bytes)} sequences differ in their bytes from the "
+                   "baseline's (another processor, Mesa or library version), first: "
+                   f"{verdict.other_bytes[0]}")
+    for change in verdict.improvements:
+        typer.echo(f"better: {change}")
+    if verdict.improvements:
+        typer.echo("bless these results, so that what was gained cannot be lost")
+    for run in verdict.lost:
+        typer.echo(f"LOST: {run}")
+    for change in verdict.regressions:
+        typer.echo(f"WORSE: {change}")
+    if not verdict.passed:
+        typer.echo(f"gate failed: {len(verdict.regressions)} of {verdict.compared} comparisons "
+                   f"are worse beyond noise, {len(verdict.lost)} runs or values are lost")
+        raise typer.Exit(1)
+    typer.echo(f"gate passed: {verdict.compared} comparisons")
