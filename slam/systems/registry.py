@@ -8,9 +8,13 @@ from difflib import get_close_matches
 from typing import NamedTuple, Protocol
 
 from slam.config import SdplConfig
+from slam.dpl.config import DplConfig
+from slam.systems.dpl import DplSlam
 from slam.systems.sdpl import SdplSlam
 from slam.systems.sdpl_batch import SdplBatch
 from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult
+
+SystemConfig = SdplConfig | DplConfig
 
 
 class SlamSystem(Protocol):
@@ -22,11 +26,13 @@ class SlamSystem(Protocol):
 
 class Preset(NamedTuple):
     description: str
-    config: SdplConfig
+    config: SystemConfig
     batch: bool = False      # refine the whole run at its end
 
 
 _SDPL = SdplConfig()
+_DPL = DplConfig()
+_STATIC = replace(_DPL, cull=replace(_DPL.cull, enabled=False))
 
 PRESETS: Mapping[str, Preset] = {
     "sdpl": Preset("SDPL-SLAM tracking: points and lines, static and moving", _SDPL),
@@ -37,6 +43,11 @@ PRESETS: Mapping[str, Preset] = {
                   replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
     "sdpl-batch": Preset("sdpl, and a global batch over landmarks when the run ends", _SDPL,
                          batch=True),
+    "dpl": Preset("DPL-SLAM: ORB points and LBD lines, dynamic ones removed, keyframes",
+                  _DPL),
+    "orb": Preset("dpl without lines and without removing anything: the static baseline",
+                  replace(_STATIC, lines=replace(_STATIC.lines, enabled=False))),
+    "orb-lines": Preset("dpl without removing anything: points and lines", _STATIC),
 }
 
 
@@ -55,7 +66,7 @@ def descriptions() -> dict[str, str]:
     return {name: preset.description for name, preset in PRESETS.items()}
 
 
-def default_config(name: str) -> SdplConfig:
+def default_config(name: str) -> SystemConfig:
     """The complete settings of a preset.
 
     Raises:
@@ -68,8 +79,11 @@ def default_config(name: str) -> SdplConfig:
     return PRESETS[name].config
 
 
-def make(name: str, intrinsics: Intrinsics, config: SdplConfig | None = None) -> SlamSystem:
+def make(name: str, intrinsics: Intrinsics, config: SystemConfig | None = None) -> SlamSystem:
     """A fresh system of this name, with its preset's settings unless `config` is given."""
     preset = default_config(name)
+    config = preset if config is None else config
+    if isinstance(config, DplConfig):
+        return DplSlam(intrinsics, config)
     system = SdplBatch if PRESETS[name].batch else SdplSlam
-    return system(intrinsics, preset if config is None else config)
+    return system(intrinsics, config)

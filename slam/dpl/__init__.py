@@ -1,0 +1,1 @@
+"""DPL-SLAM: points and lines with descriptors, dynamic ones removed, keyframes."""

@@ -1,0 +1,153 @@
+"""Bundle adjustment of keyframes with their points and lines (local, and of the whole map).
+
+A map line is adjusted by its two ends, each measured across the seen line and in inverse depth
+(slam.dpl.sightings), so that points and lines are one family of landmarks to the solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.backend.reduced import landmark_steps, linearise, reduce_landmarks, solve_poses
+from slam.dpl.config import DplConfig
+from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.sightings import Sightings, joined, of_line_ends, of_points
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.residuals import camera_tuple
+from slam.types import Intrinsics
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Whose sightings are whose: of points first, then of the ends of lines."""
+
+    pose: Array          # (M,) row of the keyframe
+    landmark: Array      # (M,) row of the landmark
+    feature: Array       # (M,) row of the feature in its keyframe; of an end, its line's
+    is_point: Array      # (M,) bool
+
+
+def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], camera: Intrinsics,
+           config: DplConfig, iterations: int, cut_outliers: bool = True) -> None:
+    """Refine free keyframes and all landmarks they see; write them back into the map.
+
+    Sightings that do not fit afterwards are taken off their keyframes. A step that does not
+    lower the cost is not taken.
+    """
+    keyframes = sorted([*free, *fixed], key=lambda k: k.number)
+    points, lines = map_.landmarks_of(free)
+    if len(points) + len(lines) == 0:
+        return
+    rows = _collect(keyframes, points, lines, map_)
+    held = np.array([k in fixed for k in keyframes])
+    if not held.any():
+        held[0] = True                            # the oldest keyframe carries the world
+    T = np.array([k.T_world_camera for k in keyframes])
+    xyz = np.concatenate([map_.points.xyz[points, 0], map_.lines.xyz[lines].reshape(-1, 3)])
+    seen = _measure(keyframes, lines, map_, rows, camera, config)
+    T, xyz, chi2 = _levenberg_marquardt(T, xyz, rows, seen, held, camera, config, iterations)
+    if not (np.isfinite(T).all() and np.isfinite(xyz).all()):
+        return
+    for keyframe, pose, stays in zip(keyframes, T, held, strict=True):
+        if not stays:
+            keyframe.T_world_camera = pose
+    map_.points.xyz[points, 0] = xyz[:len(points)]
+    map_.lines.xyz[lines] = xyz[len(points):].reshape(-1, 2, 3)
+    if cut_outliers:
+        _cut(keyframes, rows, chi2 > config.track.gate**2 * 1.5)
+
+
+def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: PointLineMap) -> _Rows:
+    """All sightings of these landmarks, by landmark and then by keyframe."""
+    point_row = np.full(map_.points.count + 1, -1, np.int64)
+    line_row = np.full(map_.lines.count + 1, -1, np.int64)
+    point_row[points], line_row[lines] = np.arange(len(points)), np.arange(len(lines))
+    pose, landmark, feature, is_point = [], [], [], []
+    for i, keyframe in enumerate(keyframes):
+        p, q = point_row[keyframe.point_of], line_row[keyframe.line_of]
+        fp, fq = np.flatnonzero(p >= 0), np.flatnonzero(q >= 0)
+        ends = len(points) + 2 * q[fq]
+        landmark.append(np.concatenate([p[fp], ends, ends + 1]))
+        feature.append(np.concatenate([fp, fq, fq]))
+        is_point.append(np.arange(len(fp) + 2 * len(fq)) < len(fp))
+        pose.append(np.full(len(landmark[-1]), i, np.int64))
+    whole = [np.concatenate(part) for part in (pose, landmark, feature, is_point)]
+    order = np.lexsort((whole[0], whole[1]))
+    return _Rows(*(part[order] for part in whole))
+
+
+def _measure(keyframes: list[Keyframe], lines: Array, map_: PointLineMap, rows: _Rows,
+             camera: Intrinsics, config: DplConfig) -> Sightings:
+    """The measurements in the order of `rows`; feet of line ends at the poses as they are."""
+    c, sigma_rho = config.track, config.depth.inverse_depth_sigma
+    parts, places = [], []
+    for i, keyframe in enumerate(keyframes):
+        mine = np.flatnonzero((rows.pose == i) & rows.is_point)
+        parts.append(of_points(keyframe.features.points[rows.feature[mine]], c.point_sigma_px,
+                               config.orb.scale, sigma_rho))
+        ends = np.flatnonzero((rows.pose == i) & ~rows.is_point)
+        of_line = np.lexsort((rows.landmark[ends], rows.feature[ends]))
+        ends = ends[of_line]                      # both ends of a line stand together
+        seen = keyframe.features.lines[rows.feature[ends[::2]]]
+        world = map_.lines.xyz[keyframe.line_of[rows.feature[ends[::2]]]]
+        parts.append(of_line_ends(world, seen, keyframe.T_world_camera, camera, c.line_sigma_px,
+                                  sigma_rho))
+        places += [mine, ends]
+    order = np.argsort(np.concatenate(places), kind="stable")
+    whole = joined(*parts)
+    return Sightings(whole.uv_px[order], whole.whitening[order], whole.rho[order])
+
+
+def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, held: Array,
+                         camera: Intrinsics, config: DplConfig, iterations: int
+                         ) -> tuple[Array, Array, Array]:
+    M, F, P = len(seen), len(T), len(xyz)
+    start = np.searchsorted(rows.landmark, np.arange(P + 1))
+    first = start[rows.landmark]
+    band = int(np.max(rows.pose - rows.pose[first], initial=1)) + 1
+    work = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
+    trial = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
+    fixed = held[rows.pose]
+
+    def cost_at(T: Array, xyz: Array, into: tuple[Array, Array, Array]) -> tuple[float, Array]:
+        cost, chi2 = linearise(T, xyz, rows.pose, rows.landmark, seen.uv_px, seen.rho,
+                               seen.whitening, camera_tuple(camera), config.track.kernel_width,
+                               *into)
+        into[1][fixed] = 0.0                      # held keyframes do not move
+        return cost, chi2
+
+    cost, chi2 = cost_at(T, xyz, work)
+    damping = 1e-4
+    for _ in range(iterations):
+        S, g = np.zeros((F, band, 6, 6)), np.zeros((F, 6))
+        inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
+        reduce_landmarks(rows.pose, start, *work, damping, S, g, inverse, gradient)
+        S[held, 0] += np.eye(6)
+        step = solve_poses(S, g, damping)
+        if step is not None:
+            moved = landmark_steps(rows.pose, start, work[1], work[2], inverse, gradient, step)
+            tried = T @ se3.exp(step), xyz + moved
+            cost_try, chi2_try = cost_at(*tried, trial)
+        if step is None or not cost_try < cost:
+            damping *= 30.0
+            if damping > 1e4:
+                break
+            continue
+        ended = cost - cost_try < 1e-4 * cost
+        (T, xyz), cost, chi2 = tried, cost_try, chi2_try
+        work, trial = trial, work
+        damping = max(damping * 0.1, 1e-9)
+        if ended:
+            break
+    return se3.orthonormalised(T), xyz, chi2
+
+
+def _cut(keyframes: list[Keyframe], rows: _Rows, bad: Array) -> None:
+    """Take sightings that do not fit off their keyframes; a line with one bad end goes whole."""
+    for i, keyframe in enumerate(keyframes):
+        mine = bad & (rows.pose == i)
+        keyframe.point_of[rows.feature[mine & rows.is_point]] = -1
+        keyframe.line_of[rows.feature[mine & ~rows.is_point]] = -1

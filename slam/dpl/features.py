@@ -1,0 +1,61 @@
+"""Points and lines of one frame, with descriptors and depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.geometry.arrays import Array, freeze_fields
+
+
+@dataclass(frozen=True, slots=True)
+class KeyPoints:
+    """N oriented points."""
+
+    uv_px: Array         # (N, 2)
+    level: Array         # (N,) int32 of the pyramid, 0 the finest
+    angle_deg: Array     # (N,)
+    descriptor: Array    # (N, 32) uint8
+    depth_m: Array       # (N,) z-depth, 0 where unknown
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, uv_px=("N", 2), level=("N",), angle_deg=("N",),
+                      descriptor=("N", 32), depth_m=("N",))
+
+    def __len__(self) -> int:
+        return len(self.uv_px)
+
+    def __getitem__(self, rows: Array) -> KeyPoints:
+        return KeyPoints(self.uv_px[rows], self.level[rows], self.angle_deg[rows],
+                         self.descriptor[rows], self.depth_m[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class KeyLines:
+    """L segments; of some of them the depth of both ends is known."""
+
+    ends_px: Array       # (L, 2, 2)
+    descriptor: Array    # (L, 32) uint8
+    depth_m: Array       # (L, 2) z-depth of both ends, 0 where unknown
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, ends_px=("L", 2, 2), descriptor=("L", 32), depth_m=("L", 2))
+
+    def __len__(self) -> int:
+        return len(self.ends_px)
+
+    def __getitem__(self, rows: Array) -> KeyLines:
+        return KeyLines(self.ends_px[rows], self.descriptor[rows], self.depth_m[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What is kept of a frame."""
+
+    points: KeyPoints
+    lines: KeyLines
+
+
+def no_lines() -> KeyLines:
+    return KeyLines(np.zeros((0, 2, 2)), np.zeros((0, 32), np.uint8), np.zeros((0, 2)))

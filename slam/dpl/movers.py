@@ -1,0 +1,234 @@
+"""Dynamic features of a frame: corners and line ends that the camera's motion does not explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slam.dpl.config import DplConfig
+from slam.dpl.culling import (
+    cull_lines,
+    cull_points,
+    full_boxes,
+    inside_boxes,
+    usable_boxes,
+)
+from slam.dpl.epipolar import corners, epipolar_distance, follow, fundamental
+from slam.dpl.features import Features
+from slam.dpl.orb import spread
+from slam.dpl.pose import refine_pose
+from slam.dpl.sightings import Sightings
+from slam.frontend.sampling import nearest
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.geometry.camera import back_project, project
+from slam.types import Boxes2D, Intrinsics
+
+_MIN_OUTSIDE = 40        # corners outside all boxes that may tell the camera's motion alone
+_MIN_FOR_MOTION = 12
+_JUDGES = 120            # corners that tell the motion, spread over the image
+_ROUNDS = 4              # renewals of the noise measured
+_MEDIAN_CHI2_2 = 1.3863
+_SMALLEST_SIGMA_PX = 0.05
+_RING = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0]), axis=-1).reshape(9, 2)
+_ONE_SURFACE = 1.1       # largest ratio of depths around a corner that lies on one surface
+_OVERLAP = 0.3           # of boxes in successive frames, to be of one thing
+_MAX_BOXES = 100         # the largest scores are kept
+
+
+@dataclass(frozen=True, slots=True)
+class Culled:
+    """What stays of a frame, and why the rest went."""
+
+    points: Array        # (N,) bool: static
+    lines: Array         # (L,) bool: static
+    dynamic_px: Array    # (D, 2) corners that moved
+    full: Array          # (B, 4) boxes culled whole
+
+
+@dataclass(slots=True)
+class _Seen:
+    gray: Array
+    depth_m: Array
+    corners_px: Array
+    ends_px: Array       # (L, 2, 2)
+    stamp_s: float
+
+
+class MoverCuller:
+    """Compares each frame with the one before (III-B)."""
+
+    def __init__(self, camera: Intrinsics, config: DplConfig) -> None:
+        self.camera, self.config = camera, config
+        self._before: _Seen | None = None
+        self._moved: list[tuple[Array, float]] = []      # box, when something last moved in it
+
+    def __call__(self, gray: Array, depth_m: Array, features: Features, boxes: Boxes2D | None,
+                 stamp_s: float, T_a_b: Array) -> Culled:
+        """Which features of this frame stay; `T_a_b` is the motion expected since the last."""
+        c = self.config.cull
+        before = self._before
+        self._before = _Seen(gray, depth_m, corners(gray, c.corners), features.lines.ends_px,
+                             stamp_s)
+        area = self._usable(boxes)
+        if before is None or before.gray.shape != gray.shape:
+            nobody = np.zeros((0, 2))
+            return self._cull(features, nobody, nobody, area, stamp_s)
+        tested, dynamic = self._test(before, gray, depth_m, area, T_a_b)
+        return self._cull(features, tested, dynamic, area, stamp_s)
+
+    def _usable(self, boxes: Boxes2D | None) -> Array:
+        if boxes is None or not len(boxes.corners_px):
+            return np.zeros((0, 4))
+        good = usable_boxes(boxes.corners_px, self.camera.width, self.camera.height)
+        best = np.argsort(-boxes.score[good], kind="stable")[:_MAX_BOXES]
+        return np.asarray(boxes.corners_px[good][best], dtype=np.float64)
+
+    def _test(self, before: _Seen, gray: Array, depth_m: Array, area: Array, T_a_b: Array
+              ) -> tuple[Array, Array]:
+        """Where corners and line ends are now (N, 2), and those (D, 2) of them that moved."""
+        c = self.config.cull
+        pixels = np.concatenate([before.corners_px, before.ends_px.reshape(-1, 2)])
+        is_corner = np.arange(len(pixels)) < len(before.corners_px)
+        across = _across(before.ends_px, len(before.corners_px))
+        pair = follow(before.gray, gray, pixels, c.border_px, c.patch_difference,
+                      self._expected(before, pixels, T_a_b))
+        a, b, across = pair.before_px[pair.good], pair.now_px[pair.good], across[pair.good]
+        is_corner = is_corner[pair.good]
+        outside = ~inside_boxes(b, area).any(axis=0) & is_corner
+        judges = outside if np.count_nonzero(outside) >= _MIN_OUTSIDE else is_corner
+        judges = _spread_out(judges, b, gray.shape)
+        moved = np.zeros(len(a), bool)
+        F = fundamental(a[judges], b[judges], c.epipolar_px)
+        if F is not None:
+            distance = epipolar_distance(F, a, b)
+            moved = distance > self._limit(distance[judges])
+        if c.depth_aware:
+            known, by_depth = self._by_depth(before, a, b, across, depth_m, judges, T_a_b)
+            # Where the whole shift is known, it outdoes eq. (4), which sees one part of it.
+            moved = np.where(known, by_depth, moved)
+        return b, b[moved]
+
+    def _expected(self, before: _Seen, pixels: Array, T_a_b: Array) -> Array:
+        """Where pixels (N, 2) should be if nothing moves; where they are if depth is unknown."""
+        depth = nearest(before.depth_m, pixels)
+        xyz = back_project(self.camera, pixels, np.where(depth > 0, depth, np.nan))
+        return project(self.camera, se3.transform_points(se3.inverse(T_a_b), xyz))
+
+    def _by_depth(self, before: _Seen, a: Array, b: Array, across: Array, depth_m: Array,
+                  judges: Array, T_a_b: Array) -> tuple[Array, Array]:
+        """Where depth is known around a pixel (N,), and whether it moved (N,), in full."""
+        c, sigma = self.config.cull, self.config.depth.inverse_depth_sigma
+        near_a, far_a = _depth_range(before.depth_m, a)
+        near_b, far_b = _depth_range(depth_m, b)
+        known = (near_a > 0) & (far_a <= _ONE_SURFACE * near_a)
+        rho = np.where(known, 2.0 / np.where(known, near_a + far_a, 1.0), 0.0)
+        xyz = back_project(self.camera, a, np.where(known, 1.0 / np.where(known, rho, 1.0), 1.0))
+        use = judges & known
+        if np.count_nonzero(use) < _MIN_FOR_MOTION:
+            return np.zeros(len(a), bool), np.zeros(len(a), bool)
+        T_a_b = self._motion(xyz[use], b[use], T_a_b)
+        xyz_b = se3.transform_points(se3.inverse(T_a_b), xyz)
+        with np.errstate(invalid="ignore"):
+            off = project(self.camera, xyz_b) - b
+            gap = np.where(np.isfinite(across[:, 0]), np.abs(np.sum(off * across, axis=1)),
+                           np.linalg.norm(off, axis=1))
+            # The pixel's shift by an error of inverse depth: f |t| at most, per unit of it.
+            blur = 3.0 * sigma * self.camera.fx * np.linalg.norm(T_a_b[:3, 3])
+            rho_b = 1.0 / np.where(xyz_b[:, 2] > 0, xyz_b[:, 2], np.inf)
+            far_off = c.depth_sigmas * sigma
+            surface = (near_b > 0) & (far_b <= _ONE_SURFACE * near_b)
+            leaves = surface & ((rho_b > 1.0 / np.where(surface, near_b, 1.0) + far_off)
+                                | (rho_b < 1.0 / np.where(surface, far_b, 1.0) - far_off))
+            return known, ~(gap <= self._limit(gap[use]) + blur) | leaves
+
+    def _limit(self, distance_px: Array) -> float:
+        """How far off a corner may be: blur and rolling shutter spread even what stands still."""
+        c = self.config.cull
+        finite = distance_px[np.isfinite(distance_px)]
+        spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
+        return max(c.epipolar_px, c.spreads * spread)
+
+    def _motion(self, xyz_a: Array, uv_b: Array, T_a_b: Array) -> Array:
+        """The camera's motion that most pixels support: P3P in RANSAC, then refined."""
+        found, rotation, translation, _ = cv2.solvePnPRansac(
+            xyz_a, uv_b, self.camera.matrix, None, iterationsCount=100, reprojectionError=1.5,
+            confidence=0.999, flags=cv2.SOLVEPNP_P3P)
+        if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
+            T_a_b = se3.inverse(se3.from_rotation_translation(
+                se3.exp_so3(rotation[:, 0]), translation[:, 0]))
+        n, sigma_px = len(uv_b), 0.5
+        for _ in range(_ROUNDS):
+            # A kernel wider than the noise lets a few corners of a mover pull on the rest.
+            pixels = np.tile([1.0 / sigma_px, 0.0, 1.0 / sigma_px, 0.0], (n, 1))
+            fit = refine_pose(T_a_b, xyz_a, Sightings(uv_b, pixels, np.zeros(n)), self.camera,
+                              2.0, 8)
+            T_a_b = fit.T_world_camera
+            sigma_px *= float(np.sqrt(np.clip(np.median(fit.chi2) / _MEDIAN_CHI2_2, 0.06, 1.0)))
+            sigma_px = max(sigma_px, _SMALLEST_SIGMA_PX)
+        return T_a_b
+
+    def _cull(self, features: Features, tested: Array, dynamic: Array, area: Array,
+              stamp_s: float) -> Culled:
+        c = self.config.cull
+        points = features.points.uv_px
+        full = full_boxes(dynamic, points, area, c.share, c.share_of, tested)
+        full = self._with_memory(area, full, stamp_s)
+        return Culled(cull_points(points, dynamic, area, full, c.near_px,
+                                  c.near_outside_px),
+                      cull_lines(features.lines.ends_px, dynamic, area, full, c.near_px,
+                                 c.near_outside_px),
+                      dynamic, area[full])
+
+    def _with_memory(self, area: Array, full: Array, stamp_s: float) -> Array:
+        """Boxes that go whole, now or because their thing moved a short while ago."""
+        stay = self.config.cull.stay_dynamic_s
+        held = [(box, t) for box, t in self._moved if 0.0 <= stamp_s - t <= stay]
+        kept: list[tuple[Array, float]] = [(box, stamp_s) for box in area[full]]
+        still = full.copy()
+        for box, t in held:
+            overlap = _overlaps(box, area)
+            best = int(np.argmax(overlap)) if len(area) else -1
+            if best >= 0 and overlap[best] > _OVERLAP and not full[best]:
+                still[best] = True
+                kept.append((area[best], t))
+        self._moved = kept
+        return still
+
+
+def _spread_out(judges: Array, uv_px: Array, shape: tuple[int, ...]) -> Array:
+    """(N,) bool: some of the judges (N,), evenly over the image.
+
+    What fills most of the picture counts as the world, however rich in corners a mover is.
+    """
+    rows = np.flatnonzero(judges)
+    kept = spread(uv_px[rows], np.zeros(len(rows)), shape, _JUDGES)
+    out = np.zeros(len(uv_px), bool)
+    out[rows[kept]] = True
+    return out
+
+
+def _across(ends_px: Array, corners: int) -> Array:
+    """(N, 2) unit normals of the segments that ends belong to, along which they may slide; NaN
+    for the corners before them, which may not."""
+    along = ends_px[:, 1] - ends_px[:, 0]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    return np.concatenate([np.full((corners, 2), np.nan), np.repeat(normal, 2, axis=0)])
+
+
+def _depth_range(depth_m: Array, uv: Array) -> tuple[Array, Array]:
+    """Least and greatest depth (N,) around pixels; 0 where one of them is unknown."""
+    around = nearest(depth_m, uv[:, None] + _RING)
+    known = (np.isfinite(around) & (around > 0)).all(axis=1)
+    return np.where(known, around.min(axis=1), 0.0), np.where(known, around.max(axis=1), 0.0)
+
+
+def _overlaps(box: Array, boxes: Array) -> Array:
+    """(B,) area in common over area of both."""
+    low, high = np.maximum(box[:2], boxes[:, :2]), np.minimum(box[2:], boxes[:, 2:])
+    common = np.prod(np.maximum(high - low, 0.0), axis=1)
+    both = np.prod(box[2:] - box[:2]) + np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) - common
+    return np.asarray(common / np.maximum(both, 1e-9))

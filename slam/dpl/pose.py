@@ -1,0 +1,88 @@
+"""One camera's pose against landmarks that are held: robust Levenberg-Marquardt, compiled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from slam.dpl.sightings import Sightings
+from slam.factors import landmark_row
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.residuals import camera_tuple
+from slam.types import Intrinsics
+
+_UNSEEN_CHI2 = 1e4       # what a landmark costs that the camera cannot see
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    T_world_camera: Array    # (4, 4)
+    chi2: Array              # (N,) squared whitened length of each residual; inf where unseen
+    information: Array       # (6, 6) of T Exp(ξ)
+
+
+def refine_pose(T_world_camera: Array, xyz_world: Array, seen: Sightings, camera: Intrinsics,
+                kernel_width: float, iterations: int) -> PoseFit:
+    """Refine a pose so that landmarks (N, 3) fall where they are seen (SDPL eq. 2 and 3's terms).
+
+    A step that does not lower the cost is not taken.
+    """
+    T = np.ascontiguousarray(T_world_camera, dtype=np.float64)
+    held = (np.ascontiguousarray(xyz_world, dtype=np.float64), np.ascontiguousarray(seen.uv_px),
+            np.ascontiguousarray(seen.rho), np.ascontiguousarray(seen.whitening),
+            camera_tuple(camera), float(kernel_width))
+    damping = 1e-4
+    cost, chi2, H, g = _normal_equations(T, *held)
+    for _ in range(iterations):
+        try:
+            step = np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-9 * np.eye(6), -g)
+        except np.linalg.LinAlgError:
+            break
+        T_try = T @ se3.exp(step)
+        tried = _normal_equations(T_try, *held)
+        if not tried[0] < cost:
+            damping *= 30.0
+            if damping > 1e4:
+                break
+            continue
+        ended = cost - tried[0] < 1e-5 * cost
+        T, (cost, chi2, H, g) = T_try, tried
+        damping = max(damping * 0.1, 1e-9)
+        if ended:
+            break
+    return PoseFit(se3.orthonormalised(T), chi2, H)
+
+
+@numba.njit(cache=True)
+def _normal_equations(T, xyz, uv, rho, whitening, camera, width):  # type: ignore[no-untyped-def]
+    """Cost, chi2 (N,), H (6, 6) and g (6,) with Cauchy's kernel."""
+    n = len(xyz)
+    chi2, H, g, cost = np.empty(n), np.zeros((6, 6)), np.zeros(6), 0.0
+    r, J, V, rw, Jw = np.empty(3), np.zeros((3, 6)), np.empty((3, 3)), np.empty(3), np.empty((3, 6))
+    for i in range(n):
+        if not landmark_row(T, xyz[i], uv[i], rho[i], camera, r, J, V):
+            chi2[i] = np.inf
+            cost += width * width * np.log1p(_UNSEEN_CHI2 / (width * width))
+            continue
+        l00, l10, l11, l22 = whitening[i]
+        rw[0], rw[1], rw[2] = l00 * r[0], l10 * r[0] + l11 * r[1], l22 * r[2]
+        for c in range(6):
+            Jw[0, c] = l00 * J[0, c]
+            Jw[1, c] = l10 * J[0, c] + l11 * J[1, c]
+            Jw[2, c] = l22 * J[2, c]
+        total = rw[0] * rw[0] + rw[1] * rw[1] + rw[2] * rw[2]
+        chi2[i] = total
+        weight = 1.0 / (1.0 + total / (width * width))
+        cost += width * width * np.log1p(total / (width * width))
+        for a in range(6):
+            for k in range(3):
+                g[a] += weight * Jw[k, a] * rw[k]
+                for c in range(a, 6):
+                    H[a, c] += weight * Jw[k, a] * Jw[k, c]
+    for a in range(6):
+        for c in range(a):
+            H[a, c] = H[c, a]
+    return cost, chi2, H, g

@@ -1,0 +1,218 @@
+"""DPL-SLAM: this file sequences the stages and computes nothing."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+
+from slam.dpl.config import DepthConfig, DplConfig
+from slam.dpl.features import Features
+from slam.dpl.history import FrameHistory
+from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.lines import LineDetector
+from slam.dpl.mapping import LocalMapper
+from slam.dpl.movers import Culled, MoverCuller
+from slam.dpl.orb import OrbDetector
+from slam.dpl.relocalise import places
+from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
+from slam.geometry.arrays import Array
+from slam.systems.stopwatch import Stopwatch
+from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
+
+_MIN_TO_BEGIN = 50       # points with depth (a line counts for ten) with which a map can begin
+_GIVE_UP_AFTER = 15      # lost frames with features in a row; then a new part of the map begins
+_TRIED = 10              # keyframes in which a lost frame is sought, at once
+
+
+class DplSlam:
+    """Points and lines, dynamic ones removed, against a map of keyframes."""
+
+    def __init__(self, intrinsics: Intrinsics, config: DplConfig | None = None) -> None:
+        self.intrinsics = intrinsics
+        self.config = config = DplConfig() if config is None else config
+        self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
+        self.movers = MoverCuller(intrinsics, config)
+        self.tracker = PoseTracker(intrinsics, config)
+        self.mapper = LocalMapper(intrinsics, config)
+        self.map = PointLineMap()
+        self.history = FrameHistory(self.map)
+        self.before: TrackedFrame | None = None
+        self.reference: Keyframe | None = None
+        self.lost_with_features = 0
+
+    def process(self, frame: Frame) -> FrameEstimate:
+        """Track one frame; never raises for what a frame shows."""
+        clock = Stopwatch()
+        gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY))
+        depth_m = clean_depth(frame.depth_m, self.config.depth)
+        whole = self._observe(gray, depth_m)
+        clock.lap("observe")
+        culled = self._cull(gray, depth_m, whole, frame)
+        features = Features(whole.points[culled.points], whole.lines[culled.lines])
+        clock.lap("cull")
+        if self.reference is None:
+            return self._begin(frame, features, clock)
+        if self.before is None:
+            return self._recover(frame, features, clock)
+        tracked, fit = self._track(frame, self.before, features)
+        clock.lap("track")
+        if tracked is None or fit is None:
+            return self._lose(frame, features, "too few features fit the map", clock)
+        return self._keep(frame, tracked, fit, clock)
+
+    def finish(self) -> SlamResult:
+        """The whole run, each frame where its keyframe is now."""
+        return self.history.result()
+
+    def _observe(self, gray: Array, depth_m: Array) -> Features:
+        with ThreadPoolExecutor(1) as pool:       # cv2 lets go of the interpreter's lock
+            lines = pool.submit(self.lines, gray, depth_m)
+            points = self.points(gray, depth_m)
+            return Features(points, lines.result())
+
+    def _cull(self, gray: Array, depth_m: Array, features: Features, frame: Frame) -> Culled:
+        if not self.config.cull.enabled:
+            nothing = np.zeros((0, 2))
+            return Culled(np.ones(len(features.points), bool), np.ones(len(features.lines), bool),
+                          nothing, np.zeros((0, 4)))
+        return self.movers(gray, depth_m, features, frame.boxes, frame.stamp_s,
+                           self.history.expected_motion(frame.stamp_s))
+
+    def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
+        """The first keyframe, once there is something to see."""
+        enough = _worth(features) >= _MIN_TO_BEGIN
+        if enough:
+            self._start_map(len(self.history), self.history.T_world_camera, features)
+        clock.lap("map")
+        if enough and not len(self.history):
+            return self.history.add(frame, np.eye(4), self.reference, Status.FIRST, "",
+                                    clock.laps_ms())
+        reason = "" if enough else "nothing to begin a map with: too few features with depth"
+        return self.history.add_lost(frame, self.reference, reason or "a map begins here",
+                                     clock.laps_ms())
+
+    def _start_map(self, row: int, T_world_camera: Array, features: Features) -> None:
+        blank = TrackedFrame(features, np.array(T_world_camera),
+                             np.full(len(features.points), -1, np.int64),
+                             np.full(len(features.lines), -1, np.int64))
+        self._insert(row, blank)
+        self.lost_with_features = 0
+
+    def _insert(self, row: int, tracked: TrackedFrame) -> None:
+        """Make a keyframe of a frame; it is the one that later frames lean on."""
+        keyframe = self.mapper.insert(self.map, row, tracked)
+        self.reference = keyframe
+        self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
+                                   keyframe.point_of.copy(), keyframe.line_of.copy())
+
+    def _track(self, frame: Frame, before: TrackedFrame, features: Features
+               ) -> tuple[TrackedFrame | None, Fit | None]:
+        c = self.config.track
+        expected = before.T_world_camera @ self.history.expected_motion(frame.stamp_s)
+        fit = pairs = None
+        point_rows = line_rows = np.zeros(0, np.int64)
+        for T_start, radius in ((expected, c.search_px), (expected, c.wide_search_px),
+                                (before.T_world_camera, c.wide_search_px)):
+            pairs, point_rows, line_rows = self.tracker.against_frame(
+                before, features, T_start, self.map, radius)
+            fit = self.tracker.fit(T_start, pairs, features)
+            if fit.inliers >= 2 * c.min_inliers and fit.share >= c.min_inlier_share:
+                break
+        assert fit is not None
+        if fit.inliers < c.min_inliers or fit.share < c.min_inlier_share:
+            return None, None
+        return self._against_map(features, fit.T_world_camera, point_rows[fit.point_fits],
+                                 line_rows[fit.line_fits])
+
+    def _against_map(self, features: Features, T_world_camera: Array, point_rows: Array,
+                     line_rows: Array) -> tuple[TrackedFrame | None, Fit | None]:
+        """The pose that the local map supports; `*_rows` are landmarks surely in view."""
+        c = self.config.track
+        shared = self.map.covisible(point_rows[point_rows >= 0], line_rows[line_rows >= 0])
+        best = np.argsort(-shared, kind="stable")[:c.local_keyframes]
+        local = [self.map.keyframes[i] for i in best if shared[i] > 0]
+        points, lines = self.map.landmarks_of(local or [self.map.keyframes[-1]])
+        pairs, p_rows, q_rows = self.tracker.against_map(self.map, points, lines, features,
+                                                         T_world_camera, c.local_search_px)
+        fit = self.tracker.fit(T_world_camera, pairs, features)
+        if fit.inliers < c.min_inliers:
+            return None, None
+        return self._associated(features, pairs, fit, p_rows, q_rows), fit
+
+    def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,
+                    q_rows: Array) -> TrackedFrame:
+        point_of = np.full(len(features.points), -1, np.int64)
+        line_of = np.full(len(features.lines), -1, np.int64)
+        point_of[pairs.point[fit.point_fits]] = p_rows[fit.point_fits]
+        line_of[pairs.line[fit.line_fits]] = q_rows[fit.line_fits]
+        self.map.points.found[p_rows[fit.point_fits]] += 1
+        self.map.lines.found[q_rows[fit.line_fits]] += 1
+        return TrackedFrame(features, fit.T_world_camera, point_of, line_of)
+
+    def _keep(self, frame: Frame, tracked: TrackedFrame, fit: Fit, clock: Stopwatch
+              ) -> FrameEstimate:
+        assert self.reference is not None
+        row = len(self.history)
+        estimate = self.history.add(frame, tracked.T_world_camera, self.reference,
+                                    Status.TRACKED, "", {}, tracked=tracked)
+        self.before, self.lost_with_features = tracked, 0
+        if self._keyframe_due(tracked, row):
+            self._insert(row, tracked)
+            assert self.before is not None
+            self.history.moved_to(self.reference, self.before.T_world_camera)
+        clock.lap("map")
+        return self.history.amend(estimate, clock.laps_ms())
+
+    def _keyframe_due(self, tracked: TrackedFrame, row: int) -> bool:
+        assert self.reference is not None
+        c, reference = self.config.mapping, self.reference
+        held = self.map.well_seen(reference, 3 if len(self.map.keyframes) > 2 else 1)
+        now = np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0)
+        fresh = np.count_nonzero((tracked.point_of < 0) & (tracked.features.points.depth_m > 0))
+        return bool(row - reference.frame >= c.max_gap or now < c.keyframe_share * held
+                    or (now < c.min_points and fresh > now // 2))
+
+    def _lose(self, frame: Frame, features: Features, reason: str, clock: Stopwatch
+              ) -> FrameEstimate:
+        self.before = None
+        return self._recover(frame, features, clock, reason)
+
+    def _recover(self, frame: Frame, features: Features, clock: Stopwatch, reason: str = ""
+                 ) -> FrameEstimate:
+        """Find the way back into the map; where that fails for long, begin another part of it."""
+        found, fit = self._relocalise(features)
+        clock.lap("relocalise")
+        if found is not None and fit is not None:
+            return self._keep(frame, found, fit, clock)
+        seen = _worth(features) >= _MIN_TO_BEGIN
+        self.lost_with_features = self.lost_with_features + 1 if seen else 0
+        estimate = self.history.add_lost(frame, self.reference,
+                                         reason or "not found in the map yet", clock.laps_ms())
+        if self.lost_with_features >= _GIVE_UP_AFTER:
+            self._start_map(len(self.history) - 1, estimate.T_world_camera, features)
+        return estimate
+
+    def _relocalise(self, features: Features) -> tuple[TrackedFrame | None, Fit | None]:
+        recent = [k for k in reversed(self.map.keyframes) if k.alive][:_TRIED]
+        for T_world_camera, points in places(self.map, features, recent, self.intrinsics,
+                                             self.config):
+            tracked, fit = self._against_map(features, T_world_camera, points,
+                                             np.zeros(0, np.int64))
+            if fit is not None and fit.inliers >= self.config.track.relocalise_inliers:
+                return tracked, fit
+        return None, None
+
+
+def clean_depth(depth_m: Array, config: DepthConfig) -> Array:
+    """Depth (H, W) with 0 wherever it is none: not finite, or too near to be one."""
+    with np.errstate(invalid="ignore"):
+        good = (depth_m >= config.min_m) & np.isfinite(depth_m)
+    return np.where(good, depth_m, np.float32(0.0))
+
+
+def _worth(features: Features) -> int:
+    """Features with depth, a line for ten points."""
+    return int(np.count_nonzero(features.points.depth_m > 0)
+               + 10 * np.count_nonzero((features.lines.depth_m > 0).all(axis=1)))
