@@ -1,4 +1,4 @@
-"""Square image patches at sub-pixel positions, cut out for all features at once.
+"""Square image patches at sub-pixel positions.
 
 Images are interpolated by cubic B-splines (Unser 1999), whose phase error at the frequencies of
 sharp texture is a tenth of Catmull–Rom's. All pixels of a patch have the same fraction of a
@@ -8,19 +8,31 @@ pixel, so a patch is a window of whole pixels and one separable kernel of four t
 from __future__ import annotations
 
 import cv2
+import numba
 import numpy as np
 
 from slam.geometry.arrays import Array
 
-_TAPS = 4   # of the cubic kernel
-
 
 def fits(uv_px: Array, shape: tuple[int, ...], radius: int) -> Array:
     """(N,) bool: the patch of that radius and its kernel lie wholly inside the image."""
-    whole = np.floor(np.where(np.isfinite(uv_px), uv_px, -1e6))
-    low = whole - radius - 1
-    high = whole + radius + 2
-    return np.asarray((low >= 0).all(axis=-1) & (high[:, 0] < shape[1]) & (high[:, 1] < shape[0]))
+    return np.asarray(_all_fit(np.asarray(uv_px, np.float64), shape[0], shape[1], radius))
+
+
+@numba.njit(cache=True, nogil=True)
+def _all_fit(uv, height, width, radius):  # type: ignore[no-untyped-def]
+    out = np.empty(len(uv), np.bool_)
+    for n in range(len(uv)):
+        out[n] = patch_fits(uv[n], (height, width), radius)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def patch_fits(uv, shape, radius):  # type: ignore[no-untyped-def]
+    """`fits` for one position."""
+    u, v = uv[0], uv[1]
+    low = radius + 1.0
+    return (low <= u < shape[1] - radius - 2.0) and (low <= v < shape[0] - radius - 2.0)
 
 
 def spline_image(gray: Array, blur_sigma_px: float) -> Array:
@@ -49,75 +61,73 @@ def _spline_prefilter() -> Array:
     return np.asarray(kernel / kernel.sum())
 
 
-def spline_weights(fraction: Array) -> Array:
-    """(4, ...) float32 weights of the coefficients at −1, 0, 1, 2 for fractions in [0, 1)."""
-    f = np.asarray(fraction, dtype=np.float32)
-    g = 1 - f
-    sixth = np.float32(1 / 6)
-    return np.stack([sixth * g * g * g, sixth * (4 - 3 * f * f * (2 - f)),
-                     sixth * (4 - 3 * g * g * (2 - g)), sixth * f * f * f])
+@numba.njit(cache=True, nogil=True, inline="always")
+def _weights(f):  # type: ignore[no-untyped-def]
+    """Weights of the coefficients at −1, 0, 1, 2 for a fraction in [0, 1), float32."""
+    f = np.float32(f)
+    one, half, sixth = np.float32(1.0), np.float32(0.5), np.float32(1.0 / 6.0)
+    middle = np.float32(2.0 / 3.0)
+    g = one - f
+    return (sixth * g * g * g, middle - half * f * f * (one + g),
+            middle - half * g * g * (one + f), sixth * f * f * f)
 
 
-def _spline_slopes(fraction: Array) -> Array:
-    """(4, ...) float32 derivatives of `spline_weights`."""
-    f = np.asarray(fraction, dtype=np.float32)
-    g = 1 - f
-    half = np.float32(0.5)
-    return np.stack([-half * g * g, half * f * (3 * f - 4), half * g * (4 - 3 * g), half * f * f])
+@numba.njit(cache=True, nogil=True, inline="always")
+def _slopes(f):  # type: ignore[no-untyped-def]
+    """Derivatives of `_weights`."""
+    f = np.float32(f)
+    one, half, three, four = np.float32(1.0), np.float32(0.5), np.float32(3.0), np.float32(4.0)
+    g = one - f
+    return (-half * g * g, half * f * (three * f - four), half * g * (four - three * g),
+            half * f * f)
 
 
-def extract_patches(spline: Array, uv_px: Array, radius: int) -> Array:
-    """Patches (side, side, N) float32, side = 2 radius + 1, centred on positions that `fits`.
-
-    The feature is the last axis, so that every array operation runs along all features.
+@numba.njit(cache=True, nogil=True)
+def cut_patch(spline, uv, radius, room, out):  # type: ignore[no-untyped-def]
+    """One patch around a position that `patch_fits`.
 
     Args:
         spline: (H, W) float32 from `spline_image`.
-        uv_px: (N, 2).
+        uv: (2,).
+        room: (2, side, side + 3) float32 to work in, side = 2 radius + 1.
+        out: (side²,) float32, filled.
     """
-    cut, fraction = _cut(spline, uv_px, radius)
-    across, down = spline_weights(fraction)[:, 0], spline_weights(fraction)[:, 1]
-    return _across(_down(cut, down), across)
+    column, row = int(np.floor(uv[0])), int(np.floor(uv[1]))
+    _down(spline, row - radius - 1, column - radius - 1, _weights(uv[1] - row), room[0])
+    _across(room[0], _weights(uv[0] - column), out)
 
 
-def extract_patches_and_slopes(spline: Array, uv_px: Array, radius: int) -> Array:
-    """(3, side, side, N) float32: the spline's derivatives in u and v, and its values.
+@numba.njit(cache=True, nogil=True)
+def cut_patch_and_slopes(spline, uv, radius, room, out):  # type: ignore[no-untyped-def]
+    """As `cut_patch`, into (3, side²): the spline's derivatives in u and v, and its values.
 
     Exact derivatives: differences of neighbouring pixels are 12 % short on sharp texture, by
     which every Gauss–Newton step would be too long.
     """
-    cut, fraction = _cut(spline, uv_px, radius)
-    weights, slopes = spline_weights(fraction), _spline_slopes(fraction)
-    rows = _down(cut, weights[:, 1])
-    return np.stack([_across(rows, slopes[:, 0]),
-                     _across(_down(cut, slopes[:, 1]), weights[:, 0]),
-                     _across(rows, weights[:, 0])])
+    column, row = int(np.floor(uv[0])), int(np.floor(uv[1]))
+    top, left = row - radius - 1, column - radius - 1
+    _down(spline, top, left, _weights(uv[1] - row), room[0])
+    _down(spline, top, left, _slopes(uv[1] - row), room[1])
+    _across(room[0], _slopes(uv[0] - column), out[0])
+    _across(room[1], _weights(uv[0] - column), out[1])
+    _across(room[0], _weights(uv[0] - column), out[2])
 
 
-def _cut(spline: Array, uv_px: Array, radius: int) -> tuple[Array, Array]:
-    """Windows of coefficients (side + 3, side + 3, N) and fractions of a pixel (2, N)."""
-    wide = 2 * radius + _TAPS
-    whole = np.floor(uv_px).astype(np.intp)
-    windows = np.lib.stride_tricks.sliding_window_view(spline, (wide, wide))
-    cut = windows[whole[:, 1] - radius - 1, whole[:, 0] - radius - 1].reshape(len(uv_px), -1)
-    return np.ascontiguousarray(cut.T).reshape(wide, wide, -1), (uv_px - whole).T
+@numba.njit(cache=True, nogil=True)
+def _down(spline, top, left, weights, rows):  # type: ignore[no-untyped-def]
+    w0, w1, w2, w3 = weights
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            v, u = top + i, left + j
+            rows[i, j] = (w0 * spline[v, u] + w1 * spline[v + 1, u]
+                          + w2 * spline[v + 2, u] + w3 * spline[v + 3, u])
 
 
-def _down(cut: Array, weights: Array) -> Array:
-    side = len(cut) - _TAPS + 1
-    return _weighted([cut[k:k + side] for k in range(_TAPS)], weights)
-
-
-def _across(rows: Array, weights: Array) -> Array:
-    side = rows.shape[1] - _TAPS + 1
-    return _weighted([rows[:, k:k + side] for k in range(_TAPS)], weights)
-
-
-def _weighted(shifted: list[Array], weights: Array) -> Array:
-    """Σ weights[k] · shifted[k], with one buffer for all products."""
-    out = shifted[0] * weights[0]
-    product = np.empty_like(out)
-    for values, weight in zip(shifted[1:], weights[1:], strict=True):
-        np.multiply(values, weight, out=product)
-        out += product
-    return np.asarray(out)
+@numba.njit(cache=True, nogil=True)
+def _across(rows, weights, out):  # type: ignore[no-untyped-def]
+    w0, w1, w2, w3 = weights
+    side = rows.shape[0]
+    for i in range(side):
+        for j in range(side):
+            out[i * side + j] = (w0 * rows[i, j] + w1 * rows[i, j + 1]
+                                 + w2 * rows[i, j + 2] + w3 * rows[i, j + 3])

@@ -7,7 +7,7 @@ import numpy as np
 
 from slam.geometry.arrays import Array
 
-_SAME_SURFACE = 0.08   # of log depth over a patch's radius: 8 %, a plane at 80° 5 px off at f = 500
+SAME_SURFACE = 0.08   # of log depth over a patch's radius: 8 %, a plane at 80° 5 px off at f = 500
 
 _NOISY_FROM_M = 20.0   # 0.002 z² is 4 % there, a quarter of it after the median filter
 
@@ -27,7 +27,7 @@ def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
     if instance_id is not None:
         image += 16.0 * instance_id
     box = np.ones((3, 3), np.uint8)
-    image[cv2.dilate(image, box) - cv2.erode(image, box) > _SAME_SURFACE] = np.nan
+    image[cv2.dilate(image, box) - cv2.erode(image, box) > SAME_SURFACE] = np.nan
     return image
 
 
@@ -38,4 +38,4 @@ def patch_support(surface: Array, uv_px: Array, radius: int) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(surface, (side, side))
     cut = np.ascontiguousarray(windows[whole[:, 1] - radius, whole[:, 0] - radius]
                                .reshape(len(uv_px), -1).T)
-    return np.asarray(np.abs(cut - cut[len(cut) // 2]) <= _SAME_SURFACE)
+    return np.asarray(np.abs(cut - cut[len(cut) // 2]) <= SAME_SURFACE)
