@@ -70,8 +70,8 @@ def pairs(scene: str, seed: int, texture: float, frames: int, step: int) -> Iter
         gray = tuple(cv2.cvtColor(sequence.rgb(i), cv2.COLOR_RGB2GRAY) for i in (k, k + 1))
 
         def predict(a=a, T_step=T_step, motions=motions) -> Array:
-            return predicted_flow(a.depth_m, a.instance_id, se3.inverse(T_step), motions,
-                                  sequence.intrinsics)
+            return predicted_flow(a.depth_m, a.instance_id.astype(np.uint8),
+                                  se3.inverse(T_step), motions, sequence.intrinsics)
 
         yield Pair(gray, a.depth_m, a.instance_id, predict, flow.flow_px,
                    flow.valid & ~flow.occluded & ~flow.leaving, sequence.intrinsics)

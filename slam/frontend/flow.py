@@ -60,46 +60,49 @@ def warp_back(current: Array, flow_px: Array) -> tuple[Array, Array]:
     return np.asarray(warped), (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
 
 
-def predicted_flow(depth_m: Array, instance_id: Array | None, T_current_previous: Array,
+def predicted_flow(depth_m: Array, label_index: Array, T_current_previous: Array,
                    motions: Mapping[int, Array], intrinsics: Intrinsics) -> Array:
     """Flow that depth and rigid motions would give.
 
     A pixel without depth moves as if it were infinitely far.
 
     Args:
-        depth_m: (H, W) z-depth of the previous frame, 0 where there is none.
-        instance_id: (H, W) labels of the previous frame, 0 = background.
+        depth_m: (H, W) float32 z-depth of the previous frame, 0 where there is none.
+        label_index: (H, W) uint8 which thing each pixel of the previous frame shows.
         T_current_previous: (4, 4), previous camera to current camera, for all that stands still.
-        motions: label -> (4, 4) that maps the object's points in the previous camera's frame to
+        motions: index -> (4, 4) that maps the thing's points in the previous camera's frame to
             the current camera's frame.
     Returns:
         (H, W, 2) float32 on the previous frame's pixels.
     """
-    inverse_m = np.zeros(depth_m.shape, np.float32)
-    np.divide(np.float32(1), depth_m, out=inverse_m, where=depth_m > 0)
-    u, v = _grid(depth_m.shape)
-    flow = _rigid_flow(u, v, inverse_m, T_current_previous, intrinsics)
-    if instance_id is not None:
-        for label, T in motions.items():
-            row, column = np.nonzero(instance_id == label)
-            flow[row, column] = _rigid_flow(column.astype(np.float32), row.astype(np.float32),
-                                            inverse_m[row, column], T, intrinsics)
-    return flow
-
-
-def _rigid_flow(u: Array, v: Array, inverse_m: Array, T_current_previous: Array,
-                intrinsics: Intrinsics) -> Array:
-    """(..., 2) float32 flow of pixels u, v that broadcast with their inverse depth."""
+    T = np.stack([T_current_previous, *motions.values()])
     K = intrinsics.matrix
-    T = np.asarray(T_current_previous, dtype=np.float64)
-    H = (K @ T[:3, :3] @ np.linalg.inv(K)).astype(np.float32)
-    t = (K @ T[:3, 3]).astype(np.float32)
-    scale = (H[2, 0] * u + (H[2, 1] * v + H[2, 2])) + t[2] * inverse_m
-    scale = np.float32(1) / np.maximum(scale, np.float32(1e-3))
-    # As differences, so that float32 loses nothing to the size of the coordinates.
-    flow = np.empty((*inverse_m.shape, 2), np.float32)
-    flow[..., 0] = ((H[0, 0] * u + (H[0, 1] * v + H[0, 2])) + t[0] * inverse_m) * scale - u
-    flow[..., 1] = ((H[1, 0] * u + (H[1, 1] * v + H[1, 2])) + t[1] * inverse_m) * scale - v
+    # As differences from the identity, so that float32 loses nothing to the coordinates' size.
+    H = (K @ T[:, :3, :3] @ np.linalg.inv(K) - np.eye(3)).astype(np.float32)
+    t = (K @ T[:, :3, 3:])[:, :, 0].astype(np.float32)
+    motion_of = np.zeros(256, np.int64)
+    motion_of[list(motions)] = np.arange(1, len(T))
+    return np.asarray(_rigid_flow(depth_m, label_index, motion_of, H, t))
+
+
+@numba.njit(cache=True, nogil=True)
+def _rigid_flow(depth_m, label_index, motion_of, H, t):  # type: ignore[no-untyped-def]
+    """Flow of p ~ (I + H) (u, v, 1) + t/z: its difference from (u, v) over its third row."""
+    height, width = depth_m.shape
+    flow = np.empty((height, width, 2), np.float32)
+    one = np.float32(1.0)
+    for row in range(height):
+        v = np.float32(row)
+        for column in range(width):
+            u, z = np.float32(column), depth_m[row, column]
+            inverse = one / z if z > 0.0 else np.float32(0.0)
+            m = motion_of[label_index[row, column]]
+            du = H[m, 0, 0] * u + H[m, 0, 1] * v + H[m, 0, 2] + t[m, 0] * inverse
+            dv = H[m, 1, 0] * u + H[m, 1, 1] * v + H[m, 1, 2] + t[m, 1] * inverse
+            dw = H[m, 2, 0] * u + H[m, 2, 1] * v + H[m, 2, 2] + t[m, 2] * inverse
+            scale = one / max(one + dw, np.float32(1e-3))
+            flow[row, column, 0] = (du - u * dw) * scale
+            flow[row, column, 1] = (dv - v * dw) * scale
     return flow
 
 

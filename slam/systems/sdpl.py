@@ -119,7 +119,9 @@ class SdplSlam:
         moving = {label: T_b_a @ self.objects.predicted_relative(
                       s.track, self.history.T_world_camera, dt_s)
                   for label, s in states.items() if s.H_world is not None and not s.parked}
-        flow = predicted_flow(previous.frame.depth_m, previous.frame.instance_id, T_b_a, moving,
+        known = {i: moving[int(label)] for i, label in enumerate(previous.labels)
+                 if int(label) in moving}
+        flow = predicted_flow(previous.frame.depth_m, previous.label_index, T_b_a, known,
                               self.intrinsics)
         unknown = np.array([i for i, label in enumerate(previous.labels)
                             if i > 0 and label not in moving

@@ -71,7 +71,7 @@ def test_predicted_flow_is_the_projection_of_moved_points():
     rng = np.random.default_rng(0)
     depth = rng.uniform(1.0, 6.0, (160, 200)).astype(np.float32)
     depth[:5] = 0.0
-    labels = np.zeros((160, 200), np.int32)
+    labels = np.zeros((160, 200), np.uint8)
     labels[50:90, 60:120] = 4
     T = se3.exp(np.array([0.02, -0.01, 0.03, 0.1, -0.05, 0.08]))
     G = se3.exp(np.array([-0.1, 0.05, 0.02, 0.0, 0.1, -0.2]))
