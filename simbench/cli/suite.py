@@ -12,12 +12,14 @@ from simbench.cli.options import MemoryLimit, Size, TimeLimit, parse_size
 from simbench.errors import UserError
 
 if TYPE_CHECKING:
+    from simbench.suites.run_suite import Where
     from simbench.suites.spec import Suite
 
 
 def suite_command(
         name: Annotated[str, typer.Argument(
-            metavar="NAME", help="As `simbench list` names it, or a YAML file.")],
+            metavar="NAME", help="As `simbench list` names it, a YAML file, or `break`: search the "
+                                 "value of --dial at which each system crosses --limit.")],
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write.")],
         systems: Annotated[str | None, typer.Option(
             "--systems", metavar="a,b", help="Other systems than the suite's.")] = None,
@@ -39,6 +41,21 @@ def suite_command(
             "--reports", help="Which runs get a report.html: of the first seed, all or none."
         )] = "first",
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
+        dial: Annotated[str | None, typer.Option(
+            "--dial", metavar="NAME", help="break: the dial to turn.")] = None,
+        limit: Annotated[str | None, typer.Option(
+            "--limit", metavar="METRIC=VALUE",
+            help="break: what counts as broken; camera.coverage=0.9 by default.")] = None,
+        scene: Annotated[str | None, typer.Option(
+            "--scene", help="break: SwingingBoxes-v0 by default.")] = None,
+        flow: Annotated[str | None, typer.Option(
+            "--flow", help="break: truth, noisy or dis (from the images, the default).")] = None,
+        sensor: Annotated[str | None, typer.Option(
+            "--sensor", help="break: gaussian by default.")] = None,
+        start: Annotated[float | None, typer.Option(
+            "--from", help="break: the easy end; the dial's default by default.")] = None,
+        end: Annotated[float | None, typer.Option(
+            "--to", help="break: the hard end; the farther end of the dial by default.")] = None,
 ) -> None:
     """Run a suite and write one page of curves and tables."""
     from simbench.cli.progress import run_progress
@@ -50,8 +67,18 @@ def suite_command(
         raise UserError(f"--reports {reports}: wanted first, all or none")
     if dask and workers is not None:
         raise UserError("--workers: the cluster has its own workers; leave it out with --dask")
-    suite = changed(load_suite(name), systems, seeds, frames, size)
     where = Where(workers, dask, cache, reports, Limits(time_limit, memory_limit))
+    search = {"--dial": dial, "--limit": limit, "--scene": scene, "--flow": flow,
+              "--sensor": sensor, "--from": start, "--to": end}
+    if name == "break":
+        suite = changed(_searched(scene or "SwingingBoxes-v0", flow or "dis",
+                                  sensor or "gaussian", limit), systems, seeds, frames, size)
+        _break(suite, dial, limit, start, end, out, where, resume)
+        return
+    for option, value in search.items():
+        if value is not None:
+            raise UserError(f"{option}: is for `simbench suite break`; a suite's file says it")
+    suite = changed(load_suite(name), systems, seeds, frames, size)
     with run_progress(suite.name, _count(suite)) as show:
         results = run_suite(suite, out, where, resume=resume, on_run=show)
     _tell(results, out)
@@ -76,6 +103,36 @@ def split_systems(text: str) -> tuple[str, ...]:
     if len(set(names)) < len(names):
         raise UserError(f"--systems {text!r}: a system is named twice")
     return names
+
+
+def _searched(scene: str, flow: str, sensor: str, limit: str | None) -> Suite:
+    """What a search runs at each value of its dial."""
+    from simbench.metric_names import SHOWN
+    from simbench.suites.breaking import DEFAULT_LIMIT, Limit
+    from simbench.suites.spec import Case, Suite
+
+    metric = Limit.parse(limit or DEFAULT_LIMIT).metric.name
+    case = Case("break", scene, frames=30, size=(320, 240),
+                inputs={"flow": flow, "sensor": sensor})
+    return Suite("break", 1, "", (case,), ("sdpl",), tuple(range(5)),
+                 tuple(dict.fromkeys((metric, *SHOWN))))
+
+
+def _break(suite: Suite, dial: str | None, limit: str | None, start: float | None,
+           end: float | None, out: Path, where: Where, resume: bool) -> None:
+    from simbench.cli.progress import run_progress
+    from simbench.suites.breaking import DEFAULT_LIMIT, DEFAULT_STEPS, Limit
+    from simbench.suites.run_break import run_break
+
+    if dial is None:
+        raise UserError("suite break: which dial? Give --dial NAME, as `simbench list` names them")
+    most = len(suite.systems) * len(suite.seeds) * (DEFAULT_STEPS + 2)
+    with run_progress(f"break {dial}", most) as show:
+        answer = run_break(suite, dial, Limit.parse(limit or DEFAULT_LIMIT), out, where,
+                           start=start, end=end, resume=resume, on_run=show)
+    for each in answer:
+        typer.echo(each["statement"])
+    typer.echo(f"report: {out / 'report.html'}")
 
 
 def _count(suite: Suite) -> int:

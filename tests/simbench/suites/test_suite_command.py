@@ -7,22 +7,8 @@ import sys
 import pytest
 
 from simbench.cli import main
+from tiny_suite import SUITE
 
-SUITE = """
-schema: 1
-name: tiny
-description: Two systems on few small frames.
-systems: [sdpl]
-seeds: 0-1
-metrics: [camera.E_t, objects.mean.E_t]
-cases:
-  boxes:
-    scene: SwingingBoxes-v0
-    frames: 4
-    size: 96x72
-    sensor: gaussian
-    sweep: {texture: [1, 0.2]}
-"""
 BROKEN = '''
 class Broken:
     def process(self, frame): raise ValueError("not today")
@@ -38,7 +24,8 @@ def suite(tmp_path_factory):
     folder = tmp_path_factory.mktemp("suite")
     path = folder / "tiny.yaml"
     path.write_text(SUITE)
-    assert main(["suite", str(path), "--workers", "2", "--out", str(folder / "out")]) == 0
+    assert main(["suite", str(path), "--workers", "2", "--reports", "none", "--out",
+                 str(folder / "out")]) == 0
     return path, folder / "out"
 
 
@@ -86,7 +73,7 @@ def test_a_suite_that_was_cut_short_resumes_to_the_same_bytes(suite, tmp_path, c
     records[1].write_bytes(records[1].read_bytes()[:100])   # … and this record is cut short
     assert main(["suite", str(path), "--workers", "1", "--out", str(again)]) == 2
     assert "--resume" in capsys.readouterr().err
-    assert main(["suite", str(path), "--workers", "1", "--resume", "--out", str(again)]) == 0
+    assert main(["suite", str(path), "--reports", "none", "--resume", "--out", str(again)]) == 0
     for name in ("results.json", "results.csv"):
         assert (again / name).read_bytes() == (out / name).read_bytes()
     for run in json.loads((out / "results.json").read_text())["runs"]:
@@ -102,7 +89,8 @@ def test_a_system_that_loses_its_runs_is_shown_and_exits_with_1(suite, tmp_path,
     broken.write_text(BROKEN)
     program = f"command:{sys.executable} -c exit(3) {{sequence}} {{out}}"
     assert main(["suite", str(path), "--systems", f"{broken}:make,{program}", "--seeds", "5",
-                 "--workers", "1", "--frames", "3", "--out", str(tmp_path / "out")]) == 1
+                 "--workers", "1", "--frames", "3", "--reports", "none", "--out",
+                 str(tmp_path / "out")]) == 1
     assert "4 of 4 runs lost or failed" in capsys.readouterr().err
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [run["status"] for run in results["runs"]] == ["lost"] * 4
