@@ -84,19 +84,21 @@ def write_whole(path: Path, text: str) -> None:
 
 def write_run(folder: Path, *, metrics: Mapping[str, Any], stamps_s: Array,
               camera: CameraEstimates, motions: ObjectMotions, report_html: str | None,
-              config: Mapping[str, Any], log: Sequence[str]) -> None:
+              config: Mapping[str, Any], log: Sequence[str], map_ply: str | None = None) -> None:
     """Write a run's folder; metrics.json comes last, so that with it the run is complete.
 
     Args:
         camera, motions: the estimates that `camera` and `objects` of the metrics score.
         report_html: None leaves the report out.
         config: everything resolved, made `plain`.
+        map_ply: the map, where the system has one.
     """
     texts: dict[str, str | None] = {
         "trajectory.txt": tum_lines(stamps_s[camera.pose_known],
                                     camera.T_world_camera[camera.pose_known]),
         "object_motions.txt": motion_lines(motions, stamps_s),
         "objects.txt": pose_lines(motions, stamps_s),
+        "map.ply": map_ply,
         "report.html": report_html,
         "config.yaml": yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
         "log.txt": "".join(f"{entry.rstrip()}\n" for entry in log),

@@ -29,6 +29,7 @@ from simbench.metrics.estimates import (
     motions_of_rows,
 )
 from simbench.metrics.flow import FlowErrors
+from simbench.ply import ply_text
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import Filmstrip
 from simbench.report.page import render_report
@@ -94,9 +95,20 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
             metrics["objects"][key] |= block
     run_folder.write_run(out, metrics=metrics, stamps_s=record.stamps_s, camera=online.camera,
                          motions=online.motions, config=config, log=entries,
-                         report_html=render_report(content) if report else None)
+                         report_html=render_report(content) if report else None,
+                         map_ply=_map_of(record))
     return Outcome(metrics, entries, len(feed), int(record.lost.sum()), _warnings(record),
                    f"failed on every frame, first: {record.faults[0]}" if record.failed else "")
+
+
+def _map_of(record: RunRecord) -> str | None:
+    """The map that the system returned, as PLY."""
+    result = record.result
+    if result is None or (result.points_world is None and result.lines_world is None):
+        return None
+    points = np.zeros((0, 3)) if result.points_world is None else result.points_world
+    lines = np.zeros((0, 2, 3)) if result.lines_world is None else result.lines_world
+    return ply_text(points, lines)
 
 
 def score_to_folder(sequence: RecordedSequence, trajectory: Path | None, objects: Path | None,
