@@ -11,6 +11,8 @@ from slam.config import DynamicConfig
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
+_SAME_TIME = 1e-6    # relative
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectState:
@@ -89,4 +91,7 @@ class ObjectTable:
         if state is None or state.H_world is None or state.parked:
             return np.eye(4)
         in_camera = se3.inverse(T_world_previous) @ state.H_world @ T_world_previous
-        return np.asarray(se3.exp(se3.log(in_camera) * (dt_s / state.over_s)))
+        times = dt_s / state.over_s
+        if abs(times - 1.0) < _SAME_TIME:
+            return in_camera
+        return np.asarray(se3.exp(se3.log(in_camera) * times))

@@ -22,14 +22,20 @@ def check_shape(name: str, array: Array, wanted: tuple[int | str, ...],
     """
     sizes = {} if sizes is None else sizes
     got = np.shape(array)
-    fits = len(got) == len(wanted)
-    for size, want in zip(got, wanted, strict=True) if fits else ():
-        if want != size and (not isinstance(want, str) or sizes.setdefault(want, size) != size):
-            fits = False
-    if not fits:
+    if not _fits(got, wanted, sizes):
         shown = ", ".join(f"{w}={sizes[w]}" if isinstance(w, str) and w in sizes else str(w)
                           for w in wanted)
         raise ShapeError(f"{name}: wanted shape ({shown}), got {tuple(got)}")
+
+
+def _fits(got: tuple[int, ...], wanted: tuple[int | str, ...], sizes: dict[str, int]) -> bool:
+    if len(got) != len(wanted):
+        return False
+    fits = True
+    for size, want in zip(got, wanted, strict=True):
+        if want != size and (not isinstance(want, str) or sizes.setdefault(want, size) != size):
+            fits = False
+    return fits
 
 
 def freeze_fields(instance: object, **wanted: tuple[int | str, ...]) -> None:
@@ -43,7 +49,8 @@ def freeze_fields(instance: object, **wanted: tuple[int | str, ...]) -> None:
         if value is None:
             continue
         array = np.asarray(value)
-        check_shape(f"{type(instance).__name__}.{name}", array, shape, sizes)
+        if not _fits(array.shape, shape, sizes):
+            check_shape(f"{type(instance).__name__}.{name}", array, shape, sizes)
         if array.flags.writeable or array is not value:
             array = array.view()
             array.flags.writeable = False
