@@ -19,7 +19,7 @@ if TYPE_CHECKING:   # MuJoCo is loaded when an environment is made, not when it 
     from simbench.render import Renderer
     from simbench.world import World
 
-BUILTIN_SCENES = ("Street-v0", "SwingingBoxes-v0")
+BUILTIN_SCENES = ("Office-v0", "Street-v0", "SwingingBoxes-v0")
 MAX_DEPTH_M = 10_000.0
 
 
@@ -58,7 +58,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
                  shuffle_labels: bool = True, size: tuple[int, int] | None = None,
                  fps: float | None = None, max_turn_rad_s: float = 0.5,
                  max_speed_m_s: float = 0.5, max_objects: int = 16, max_edges: int = 2048,
-                 **dials: float) -> None:
+                 **dials: float | str) -> None:
         """
         Args:
             scene: a registered scene.

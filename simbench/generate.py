@@ -53,7 +53,7 @@ class GenerateSettings:
     @classmethod
     def resolve(cls, scene: str, *, seed: int = 0, frames: int | None = None,
                 size: tuple[int, int] | None = None, fps: float | None = None,
-                sensor: str = "ideal", dials: Mapping[str, float] | None = None,
+                sensor: str = "ideal", dials: Mapping[str, float | str] | None = None,
                 stereo: bool = False) -> GenerateSettings:
         """Settings with the scene's own values where none are given.
 

@@ -49,6 +49,30 @@ class Dial:
     high: float
     help: str
     integer: bool = False   # a count: fractions are refused
+    choices: tuple[str, ...] = ()   # names of the values 0, 1, ...; either may be given
+
+    def shown(self, value: float) -> str:
+        """The value as a user gives it."""
+        return self.choices[int(value)] if self.choices else f"{value:g}"
+
+    def number(self, given: float | str) -> float:
+        """What a user gave as a number; NaN where it is none."""
+        if given in self.choices:
+            return float(self.choices.index(str(given)))
+        try:
+            return float(given)
+        except (TypeError, ValueError):
+            return math.nan
+
+    @property
+    def allowed(self) -> str:
+        """What may be given, in words."""
+        return ", ".join(self.choices) if self.choices else f"{self.low:g} to {self.high:g}"
+
+
+def choice_dial(name: str, choices: tuple[str, ...], help: str) -> Dial:
+    """A dial of named values; the first is the default."""
+    return Dial(name, 0.0, 0.0, float(len(choices) - 1), help, True, choices)
 
 
 # Every scene has these two: they act on whatever textures and lights the model holds.
@@ -105,7 +129,7 @@ class SceneSpec:
         own = [d for d in (TEXTURE, LIGHT) if d.name not in {dial.name for dial in self.dials}]
         object.__setattr__(self, "dials", (*self.dials, *own))
 
-    def resolve_dials(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+    def resolve_dials(self, given: Mapping[str, float | str] | None = None) -> dict[str, float]:
         """All dials with their values: those given, else the defaults.
 
         Raises:
@@ -118,10 +142,10 @@ class SceneSpec:
                 raise UnknownName(f"scene {self.name} has no dial {name!r}"
                                   f"{_did_you_mean(name, values)}it has {', '.join(values)}")
             dial = next(dial for dial in self.dials if dial.name == name)
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                number = math.nan
+            number = dial.number(value)
+            if dial.choices and math.isnan(number):
+                raise UnknownName(f"scene {self.name}: dial {name}={value} must be one of "
+                                  f"{', '.join(dial.choices)}")
             if not dial.low <= number <= dial.high:
                 raise UserError(f"scene {self.name}: dial {name}={value} must be a number "
                                 f"from {dial.low:g} to {dial.high:g}")

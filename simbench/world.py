@@ -24,7 +24,8 @@ _GL_FROM_CV = (0.0, 1.0, 0.0, 0.0)   # half a turn about x: OpenGL's camera look
 _SAME_TIME_S = 1e-9
 
 
-def make_world(scene: str | SceneSpec, seed: int = 0, dials: Mapping[str, float] | None = None,
+def make_world(scene: str | SceneSpec, seed: int = 0,
+               dials: Mapping[str, float | str] | None = None,
                size: tuple[int, int] | None = None, fps: float | None = None) -> World:
     """Build, randomise and compile a scene.
 

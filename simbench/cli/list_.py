@@ -17,8 +17,8 @@ def list_command() -> None:
         typer.echo(f"  {scene.name:<20} {scene.description} "
                    f"({scene.width}x{scene.height}, {scene.fps:g} fps)")
         for dial in scene.dials:
-            typer.echo(f"      --dial {dial.name}={dial.default:g}".ljust(34)
-                       + f"{dial.low:g} to {dial.high:g}: {dial.help}")
+            typer.echo(f"      --dial {dial.name}={dial.shown(dial.default)}".ljust(34)
+                       + f"{dial.allowed}: {dial.help}")
     typer.echo("\nSystems")
     for name, text in descriptions().items():
         typer.echo(f"  {name:<20} {text}")

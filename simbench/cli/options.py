@@ -54,14 +54,15 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
 
 
 def collect_dials(dials: Iterable[str] | None, texture: float | None,
-                  rigidity: float | None) -> dict[str, float]:
+                  rigidity: float | None) -> dict[str, float | str]:
     """The dials given by --dial, --texture and --rigidity; the rest stay the scene's defaults.
 
     Raises:
-        UserError: not NAME=VALUE, VALUE no number, or a dial given twice.
+        UserError: not NAME=VALUE, or a dial given twice.
     """
-    values = {name: value for name, value in (("texture", texture), ("rigidity", rigidity))
-              if value is not None}
+    values: dict[str, float | str] = {
+        name: value for name, value in (("texture", texture), ("rigidity", rigidity))
+        if value is not None}
     for text in dials or ():
         name, equals, number = text.partition("=")
         if not equals or not name:
@@ -71,5 +72,5 @@ def collect_dials(dials: Iterable[str] | None, texture: float | None,
         try:
             values[name] = float(number)
         except ValueError:
-            raise UserError(f"--dial {text}: {number!r} is not a number") from None
+            values[name] = number    # the name of a choice; the scene knows which it has
     return values

@@ -9,6 +9,7 @@ import numpy as np
 
 from simbench.meshes import MeshBuilder, visible_geom
 from simbench.randomise import hue_rgba, set_texture
+from simbench.scenes_builtin.bodies import make_weightless
 from slam.geometry.arrays import Array
 
 _WHEEL_SIDES = 28
@@ -159,15 +160,9 @@ def _wheel_places(shape: CarShape) -> list[list[float]]:
 def _jointed(parent: mujoco.MjsBody, name: str, place: list[float], axis: list[float]
              ) -> mujoco.MjsBody:
     body = parent.add_body(name=name)
-    _weightless(body)
+    make_weightless(body)
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, pos=place, axis=axis)
     return body
-
-
-def _weightless(body: mujoco.MjsBody) -> None:
-    """MuJoCo wants a mass of every jointed body; these are moved by script alone."""
-    body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
-    body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
 
 
 def _hull(shape: CarShape) -> tuple[MeshBuilder, MeshBuilder, MeshBuilder]:
