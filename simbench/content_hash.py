@@ -38,7 +38,7 @@ class HashedFeed:
         for array in (frame.rgb, frame.depth_m, frame.instance_id, frame.right,
                       None if flow is None else flow.flow_px,
                       None if flow is None else flow.valid,
-                      None if boxes is None else boxes.corners_px):
+                      *(() if boxes is None else (boxes.corners_px, boxes.score, boxes.label))):
             self._add(array)
         return frame
 

@@ -121,7 +121,7 @@ def generate(settings: GenerateSettings, out: Path, *, workers: int = 1, resume:
     finally:
         studio.renderer.close()
     objects = [{"instance_id": o.instance_id, "name": o.name, "root_part": o.root_part,
-                "rigid": o.rigid} for o in world.layout.objects]
+                "rigid": o.rigid, "category": o.category} for o in world.layout.objects]
     storage.write_json(out / storage.MANIFEST, {
         **identity, "depth_scale": target.depth_scale, "objects": objects,
         "files": storage.file_hashes(out)})

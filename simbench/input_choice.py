@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "flow": ("truth", "noisy", "dis", "given"),
     "masks": ("truth", "noisy", "given", "hsv", "none"),
-    "boxes": ("truth", "given", "none"),
+    "boxes": ("truth", "noisy", "detector", "given", "none"),
     "depth": ("truth", "sensor", "stereo", "given"),
 }
 
@@ -28,6 +28,7 @@ class InputChoice:
     flow: str | None = None             # dis: the system computes it from the images
     masks: str | None = None
     boxes: str | None = None
+    detector: str | None = None         # ONNX weights of a COCO detector, for boxes="detector"
     depth: str | None = None
     sensor: str | None = None           # None: colour and depth as recorded
     sensor_settings: Mapping[str, Any] = field(default_factory=dict)   # "depth.max_m": 5.0
@@ -41,6 +42,12 @@ class InputChoice:
             value = getattr(self, name)
             if value is not None and value not in known:
                 raise UserError(f"--{name} {value}: wanted one of {', '.join(known)}")
+        if self.detector is not None and self.boxes is None:
+            object.__setattr__(self, "boxes", "detector")
+        if (self.boxes == "detector") != (self.detector is not None):
+            raise UserError("--boxes detector: give the weights of a COCO detector with --detector "
+                            "FILE.onnx" if self.detector is None else
+                            f"--detector {self.detector}: --boxes {self.boxes} leaves it unused")
 
 
 @runtime_checkable
@@ -84,7 +91,7 @@ def _with_defaults(choice: InputChoice, holds: frozenset[str], exact: bool) -> I
         choice, depth=choice.depth or depth,
         flow=choice.flow or ("given" if "flow" in holds else "dis"),
         masks=choice.masks or ("given" if "masks" in holds else "truth" if exact else "none"),
-        boxes=choice.boxes or ("given" if "boxes" in holds else "none"))
+        boxes=choice.boxes or ("given" if "boxes" in holds else "truth" if exact else "none"))
 
 
 def _check_without_images(choice: InputChoice, name: str) -> None:

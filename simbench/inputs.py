@@ -8,12 +8,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from simbench.detections import Detections
 from simbench.errors import UserError
 from simbench.input_choice import CHOICES, InputChoice, Rendered, resolve_choice
 from simbench.sensors.depth import apply_depth_noise, clean_depth
 from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
 from simbench.sensors.hsv import hsv_masks
-from simbench.sensors.masks import boxes_of_masks, majority_objects, mask_noise, shuffle_labels
+from simbench.sensors.masks import majority_objects, mask_noise, shuffle_labels
 from simbench.sensors.rgb import apply_rgb_noise
 from simbench.sensors.spec import find_sensor
 from simbench.sensors.streams import Stage, generator
@@ -45,6 +46,7 @@ class Feed:
         self.seed = seed
         self.sensor = find_sensor(choice.sensor or "ideal", choice.sensor_settings)
         self.flow_noise = _flow_noise(self.sensor.flow, choice)
+        self._detections = Detections(sequence, self.choice, self.sensor.boxes, seed)
         self._rendered = sequence if isinstance(sequence, Rendered) else None
         if self.sensor.exposure_s > 0 and self._rendered is None:
             raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
@@ -75,7 +77,7 @@ class Feed:
         return Frame(
             index=k, stamp_s=float(self.sequence.stamps_s[k]), rgb=rgb,
             depth_m=clean_depth(self._depth(k)), intrinsics=self.intrinsics, instance_id=labels,
-            boxes=self._boxes(k), flow=None if k == 0 else self._flow(k),
+            boxes=self._boxes(rgb, k), flow=None if k == 0 else self._flow(k),
             right=self._right(k) if "stereo" in self.sequence.holds else None)
 
     def true_object_of_label(self, k: int) -> dict[int, int]:
@@ -147,16 +149,10 @@ class Feed:
             masks, _ = shuffle_labels(masks, generator(self.seed, Stage.LABELS, k))
         return masks, {} if true is None else majority_objects(masks, true)
 
-    def _boxes(self, k: int) -> Boxes2D | None:
-        if self.choice.boxes == "none":
-            return None
+    def _boxes(self, rgb: Array, k: int) -> Boxes2D | None:
         if self.choice.boxes == "given":
             return self._record(k).boxes
-        true = self._truth.true_instances(k)
-        if true is None:
-            return None
-        # Shuffled, lest the order of the boxes tell which object is which.
-        return boxes_of_masks(shuffle_labels(true, generator(self.seed, Stage.BOXES, k))[0])
+        return self._detections(rgb, k)
 
     def _flow(self, k: int) -> FlowField | None:
         kind = self.choice.flow

@@ -30,7 +30,7 @@ def model_layout(model: mujoco.MjModel, staging: Staging, size: tuple[int, int],
         instance_of_part[below] = number
         jointed = any(model.body_jntnum[part] for part in below if part != root)
         rigid = not jointed if each.rigid is None else each.rigid
-        infos.append(ObjectInfo(number, each.body, root, rigid))
+        infos.append(ObjectInfo(number, each.body, root, rigid, each.category))
     edges = model_edges(model, staging.shortest_edge_m, staging.edgeless)
     return SceneLayout(_intrinsics(model, size), tuple(infos), instance_of_part, edges)
 

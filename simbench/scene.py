@@ -86,6 +86,7 @@ class SceneObject:
 
     body: str
     rigid: bool | None = None   # None: rigid unless bodies below it have joints
+    category: str = ""          # as COCO names it ("person", "car"); else no detector knows it
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ class ObjectInfo:
     name: str
     root_part: int       # the part whose pose is the object's pose
     rigid: bool          # False: its parts move against each other
+    category: str = ""   # as COCO names it; "": no detector knows it
 
 
 @dataclass(frozen=True, slots=True)

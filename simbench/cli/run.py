@@ -43,7 +43,10 @@ def run_command(
         masks: Annotated[str | None, typer.Option(
             "--masks", help="truth, noisy, given, hsv or none.")] = None,
         boxes: Annotated[str | None, typer.Option(
-            "--boxes", help="truth, given or none.")] = None,
+            "--boxes", help="truth, noisy, detector, given or none.")] = None,
+        detector: Annotated[Path | None, typer.Option(
+            "--detector", metavar="FILE.onnx",
+            help="Weights of a COCO detector, which finds the boxes in the images.")] = None,
         depth: Annotated[str | None, typer.Option(
             "--depth", help="truth, sensor, stereo or given.")] = None,
         flow_sigma: Annotated[float | None, typer.Option(
@@ -76,6 +79,7 @@ def run_command(
     dials = collect_dials(dial, texture, rigidity)
     if system.startswith(PREFIX):
         not_ours = {"--flow": flow, "--masks": masks, "--boxes": boxes, "--depth": depth,
+                    "--detector": detector,
                     "--set": settings, "--flow-sigma": flow_sigma, "--flow-noise": flow_noise,
                     "--flow-shape": flow_shape}
         for option, value in not_ours.items():
@@ -92,6 +96,7 @@ def run_command(
         raise UserError(f"--{'time' if time_limit is not None else 'memory'}-limit: {system} runs "
                         "inside simbench; limits are for command:\"program …\"")
     choice = InputChoice(flow=flow, masks=masks, boxes=boxes, depth=depth, sensor=sensor,
+                         detector=None if detector is None else str(detector),
                          flow_sigma_px=flow_sigma, flow_noise_kind=flow_noise,
                          flow_noise_shape=flow_shape)
     scene_options = {"size": parse_size(size), "fps": fps, "dials": dials}

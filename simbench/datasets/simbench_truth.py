@@ -48,7 +48,8 @@ class StoredTruth:
             raise BadFile(f"{folder / TRUTH}: {len(self.stamps_s)} frames, {MANIFEST} says "
                           f"{manifest['frames']}; generate the sequence again")
         self._T_world_camera, self._T_world_part = fixed["T_world_camera"], fixed["T_world_part"]
-        objects = tuple(ObjectInfo(o["instance_id"], o["name"], o["root_part"], o["rigid"])
+        objects = tuple(ObjectInfo(o["instance_id"], o["name"], o["root_part"], o["rigid"],
+                                   o.get("category", ""))
                         for o in manifest["objects"])
         self.layout = SceneLayout(intrinsics, objects, fixed["instance_of_part"],
                                   Edges3D(fixed["edge_part_id"], fixed["edge_endpoints_part"]))

@@ -84,8 +84,8 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
                 placement |= flap_angles(driver.name, opening * 0.5 * (1.0 - np.cos(turn)))
         return placement
 
-    objects = [SceneObject(driver.name, rigid=opening == 0.0) for driver in drivers]
-    objects += [SceneObject(name, rigid=True) for name in parked]
+    objects = [SceneObject(driver.name, rigid=opening == 0.0, category="car") for driver in drivers]
+    objects += [SceneObject(name, rigid=True, category="car") for name in parked]
     return Staging(script, tuple(objects), shortest_edge_m=0.25, edgeless=("leaves",))
 
 

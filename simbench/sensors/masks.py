@@ -9,7 +9,6 @@ import numpy as np
 
 from simbench.errors import UserError
 from slam.geometry.arrays import Array
-from slam.types import Boxes2D
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +57,6 @@ def majority_objects(labels: Array, true_id: Array) -> dict[int, int]:
     best = np.argmax(table, axis=1)
     return {int(label): int(best[label]) for label in np.flatnonzero(table.sum(axis=1))
             if label > 0 and best[label] > 0}
-
-
-def boxes_of_masks(labels: Array) -> Boxes2D:
-    """The box around each label, in the order of the labels; pixels are inclusive."""
-    ids = _ids(labels)
-    corners = np.zeros((len(ids), 4))
-    for i, label in enumerate(ids):
-        u, v, width, height = cv2.boundingRect((labels == label).astype(np.uint8))
-        corners[i] = u, v, u + width - 1, v + height - 1
-    return Boxes2D(corners, np.ones(len(ids)), np.zeros(len(ids), np.int64))
 
 
 def _ids(instance_id: Array) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from simbench.errors import UnknownName
+from simbench.sensors.boxes import BoxNoise
 from simbench.sensors.depth import DepthModel, GaussianDepth, KinectDepth, StereoDepth
 from simbench.sensors.flow import FlowNoise
 from simbench.sensors.masks import MaskNoise
@@ -17,7 +18,7 @@ from simbench.settings import with_settings
 
 @dataclass(frozen=True, slots=True)
 class SensorSpec:
-    """One sensor. `flow` and `masks` only act where noisy flow or masks are asked for."""
+    """One sensor. `flow`, `masks` and `boxes` only act where noisy ones are asked for."""
 
     name: str
     help: str
@@ -27,6 +28,7 @@ class SensorSpec:
     exposure_subframes: int = 8    # pictures averaged over an exposure
     flow: FlowNoise = field(default_factory=FlowNoise)
     masks: MaskNoise = field(default_factory=MaskNoise)
+    boxes: BoxNoise = field(default_factory=BoxNoise)
 
 
 SENSORS: Mapping[str, SensorSpec] = {spec.name: spec for spec in (

@@ -19,6 +19,8 @@ class Stage(IntEnum):
     LABELS = 107
     BOXES = 108
     RGB_RIGHT = 109       # the right camera of a stereo pair
+    BOX_NOISE = 110
+    BOX_DELAY = 111       # whether a frame's detections come a frame late
 
 
 def generator(seed: int, stage: Stage, frame: int) -> np.random.Generator:

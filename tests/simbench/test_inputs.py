@@ -13,6 +13,7 @@ from simbench.sensors import hsv_masks
 from simbench.sequence import open_sequence
 from simbench.simulate import SimulatedSequence
 from simbench.world import make_world
+from slam.dynamics.detection import COCO_CLASSES
 from slam.types import FlowField, Frame, Intrinsics
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -133,15 +134,14 @@ def test_a_change_of_one_stage_changes_no_other(simulated):
 
 def test_equal_seeds_give_equal_bytes(simulated):
     choice = InputChoice(flow="noisy", masks="noisy", depth="sensor", sensor="realsense",
-                         flow_noise_shape="structure", boxes="truth")
+                         flow_noise_shape="structure")
 
     def frame_bytes(seed: int) -> list[bytes]:
         frame = Feed(simulated, choice, seed).frame(2)
-        return [frame.rgb.tobytes(), frame.depth_m.tobytes(), frame.flow.flow_px.tobytes(),
-                frame.boxes.corners_px.tobytes()]
+        return [frame.rgb.tobytes(), frame.depth_m.tobytes(), frame.flow.flow_px.tobytes()]
 
     assert frame_bytes(1) == frame_bytes(1)
-    assert all(a != b for a, b in zip(frame_bytes(1)[:3], frame_bytes(2)[:3], strict=True))
+    assert all(a != b for a, b in zip(frame_bytes(1), frame_bytes(2), strict=True))
 
 
 def test_truth_stays_as_it_is(simulated):
@@ -200,14 +200,38 @@ def test_an_unreadable_first_mask_does_not_end_the_run():
         feed.frame(0)
 
 
-def test_true_boxes_stand_around_the_objects(simulated):
-    boxes = Feed(simulated, InputChoice(boxes="truth")).frame(1).boxes
-    true = simulated.truth.true_instances(1)
+def test_boxes_stand_around_what_a_detector_knows():
+    world = make_world("Street-v0", seed=0, size=(160, 120))
+    renderer = make_renderer("mujoco", world)
+    street = SimulatedSequence(world, renderer, 3)
+    boxes = Feed(street, InputChoice()).frame(1).boxes      # the default of a rendered scene
+    true = street.truth.true_instances(1)
     expected = set()
     for instance in np.unique(true[true > 0]):
         v, u = np.nonzero(true == instance)
         expected.add((u.min(), v.min(), u.max(), v.max()))
+    assert expected
     assert {tuple(row) for row in boxes.corners_px.astype(int)} == expected
+    assert set(boxes.label.tolist()) == {COCO_CLASSES.index("car")}
+    noisy = [Feed(street, InputChoice(boxes="noisy"), seed).frame(1).boxes for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(noisy[0].corners_px, noisy[1].corners_px)
+    assert noisy[0].corners_px.tobytes() != noisy[2].corners_px.tobytes()
+    renderer.close()
+
+
+def test_no_detector_knows_swinging_boxes(simulated, caplog):
+    assert Feed(simulated, InputChoice(boxes="truth")).frame(1).boxes is None
+    Feed(simulated, InputChoice(boxes="noisy"))
+    assert "class that detectors know" in caplog.text
+
+
+def test_a_detector_needs_its_weights_and_weights_a_detector(tmp_path):
+    with pytest.raises(UserError, match="--detector FILE"):
+        InputChoice(boxes="detector")
+    with pytest.raises(UserError, match="--boxes none"):
+        InputChoice(boxes="none", detector="a.onnx")
+    with pytest.raises(UserError, match=r"missing\.onnx: no such file"):
+        Feed(Recording("depth"), InputChoice(detector=str(tmp_path / "missing.onnx")))
 
 
 def test_only_so_many_frames(simulated):

@@ -9,7 +9,6 @@ from simbench.errors import UserError
 from simbench.sensors import (
     MaskNoise,
     Stage,
-    boxes_of_masks,
     generator,
     majority_objects,
     mask_noise,
@@ -82,13 +81,6 @@ def test_the_majority_agrees_with_counting(seed):
         counts = np.bincount(true[labels == label], minlength=4)
         best = int(np.argmax(counts)) if counts.any() else 0
         assert found.get(label, 0) == best
-
-
-def test_boxes_stand_around_their_masks(masks):
-    boxes = boxes_of_masks(masks)
-    np.testing.assert_array_equal(boxes.corners_px[1], [20, 20, 59, 59])
-    np.testing.assert_array_equal(boxes.corners_px[0], [120, 2, 129, 5])
-    assert len(boxes_of_masks(np.zeros((5, 5), np.int32)).corners_px) == 0
 
 
 def test_a_probability_beyond_one_is_refused():
