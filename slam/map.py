@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from slam.geometry import se3
 from slam.geometry.arrays import Array, freeze_fields
 
 STATIC = 0         # the number of the static world among the bodies
@@ -51,17 +52,26 @@ class PointLandmarks:
 
 @dataclass(slots=True)
 class BodyRecord:
-    """The camera's path in one body's frame, as tracked; grows by a pose a frame."""
+    """The camera's path in one body's frame; grows by a pose a frame."""
 
     track: int                                               # object track; 0: static world
     frames: list[int] = field(default_factory=list)          # rows in the run, ascending
-    poses: list[Array] = field(default_factory=list)         # (4, 4) T_body_camera
-    information: list[Array] = field(default_factory=list)   # (6, 6) of each step to a pose
+    poses: list[Array] = field(default_factory=list)         # (4, 4) T_body_camera, as known best
+    steps: list[Array] = field(default_factory=list)         # (4, 4) to each pose, as tracked
+    information: list[Array] = field(default_factory=list)   # (6, 6) of each step
 
-    def add(self, frame: int, T_body_camera: Array, information: Array) -> None:
-        """Append a pose; `information` is of the step from the pose before, 0 where unknown."""
+    def begin(self, frame: int, T_body_camera: Array) -> None:
+        """The first pose, which no step leads to."""
         self.frames.append(frame)
         self.poses.append(T_body_camera)
+        self.steps.append(np.eye(4))
+        self.information.append(np.zeros((6, 6)))
+
+    def add(self, frame: int, step: Array, information: Array) -> None:
+        """Go one step (4, 4) on from the last pose; `information` is 0 where it is not known."""
+        self.frames.append(frame)
+        self.poses.append(se3.orthonormalised(self.poses[-1] @ step))
+        self.steps.append(step)
         self.information.append(information)
 
 
@@ -90,6 +100,24 @@ class MapRecord:
 
     def add_observations(self, observations: PointObservations) -> None:
         self._observations.append(observations)
+
+    def observations_of(self, frame: int) -> list[PointObservations]:
+        """What was added of the newest frame, given as a row of the run."""
+        out: list[PointObservations] = []
+        for part in reversed(self._observations):
+            if len(part) and part.frame[0] != frame:
+                break
+            out.insert(0, part)
+        return out
+
+    def landmarks_after(self, number: int) -> list[PointLandmarks]:
+        """What was added after the landmark of this number."""
+        out: list[PointLandmarks] = []
+        for part in reversed(self._landmarks):
+            if len(part) and part.number[0] <= number:
+                break
+            out.insert(0, part)
+        return out
 
     def landmarks(self) -> PointLandmarks:
         """All landmarks so far."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.backend.config import BundleConfig
 from slam.backend.reduced import landmark_steps, linearise, reduce_landmarks, solve_poses
-from slam.factors import odometry_terms
+from slam.factors import PairTerms, odometry_terms
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.map import PointObservations
@@ -31,8 +31,22 @@ _UNKNOWN_STEP = np.diag([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])   # 0.5 rad, 1 m: keeps 
 class BodyPath:
     """The camera's poses in a body's frame, as tracked."""
 
-    T_body_camera: Array     # (F, 4, 4)
-    information: Array       # (F, 6, 6) of the step from the pose before; 0 where unknown
+    T_body_camera: Array     # (F, 4, 4) where the batch starts
+    steps: Array             # (F, 4, 4) as tracked, from the pose before; of the first: no matter
+    information: Array       # (F, 6, 6) of each step; 0 where unknown
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarkPrior:
+    """What is held of landmarks beside the sightings given."""
+
+    information: Array       # (P, 3, 3) 1/m²
+    xyz_body: Array          # (P, 3) m, where it would have them
+
+
+def no_prior(landmarks: int) -> LandmarkPrior:
+    """Nothing is held of them."""
+    return LandmarkPrior(np.zeros((landmarks, 3, 3)), np.zeros((landmarks, 3)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +71,13 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
         sightings: sorted by landmark and frame; `landmark` and `frame` are rows of `xyz_body`
             and of the path.
     """
-    problem = _Problem(path, sightings, len(xyz_body), camera, config)
+    problem = Problem(path, sightings, no_prior(len(xyz_body)), camera, config)
     T, xyz = np.array(path.T_body_camera), np.array(xyz_body)
     for _ in range(config.rounds):
-        T, xyz = _levenberg_marquardt(problem, T, xyz, config)
+        T, xyz = levenberg_marquardt(problem, T, xyz, config)
         problem.measure_noise(T, xyz)
         problem.drop_misfits(T, xyz)
-    T, xyz = _levenberg_marquardt(problem, T, xyz, config)
+    T, xyz = levenberg_marquardt(problem, T, xyz, config)
     before, _ = problem.objective(path.T_body_camera, xyz_body)
     after, chi2 = problem.objective(T, xyz)
     if not after <= before:
@@ -72,11 +86,11 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
                         float(np.sqrt(problem.rho_scale2)))
 
 
-def _levenberg_marquardt(problem: _Problem, T: Array, xyz: Array,
-                         config: BundleConfig) -> tuple[Array, Array]:
+def levenberg_marquardt(problem: Problem, T: Array, xyz: Array,
+                        config: BundleConfig) -> tuple[Array, Array]:
     """Damped steps; one that raises the objective is not taken."""
     damping = 1e-4
-    cost, _ = problem.linearise(T, xyz)
+    cost = problem.linearise(T, xyz)
     for _ in range(config.iterations):
         step = problem.step(damping)
         if step is not None:
@@ -93,16 +107,17 @@ def _levenberg_marquardt(problem: _Problem, T: Array, xyz: Array,
         damping = max(damping * 0.1, 1e-9)
         if ended:
             break
-        cost, _ = problem.linearise(T, xyz)
+        cost = problem.linearise(T, xyz)
     return se3.orthonormalised(T), xyz
 
 
-class _Problem:
+class Problem:
     """One body's sightings and steps, with their noise."""
 
-    def __init__(self, path: BodyPath, sightings: PointObservations, landmarks: int,
-                 camera: Intrinsics, config: BundleConfig) -> None:
-        s = sightings
+    def __init__(self, path: BodyPath, sightings: PointObservations,
+                 prior: LandmarkPrior, camera: Intrinsics, config: BundleConfig) -> None:
+        s, landmarks = sightings, len(prior.xyz_body)
+        self.prior = prior
         self.config, self.camera = config, camera_tuple(camera)
         self.pose, self.landmark = np.array(s.frame), np.array(s.landmark)
         self.uv, self.rho = np.array(s.uv_px), np.array(s.rho)
@@ -116,13 +131,13 @@ class _Problem:
         first = self.start[self.landmark]                      # each one's landmark's first
         self.band = int(np.max(self.pose - self.pose[first], initial=1)) + 1
         T = path.T_body_camera
-        self.steps = se3.inverse(T[:-1]) @ T[1:]
+        self.steps = np.array(path.steps[1:])
         self.information = np.array(path.information[1:])
         unknown = ~np.isfinite(self.information).all(axis=(1, 2)) | (
             np.einsum("fii->f", self.information) <= 0)
         self.information[unknown] = _UNKNOWN_STEP
-        self._T = T
-        self._xyz = np.zeros((landmarks, 3))
+        self._xyz = prior.xyz_body
+        self._terms = odometry_terms(T[:-1], T[1:], self.steps)
 
     def _points(self, T: Array, xyz: Array, into: tuple[Array, Array, Array]
                 ) -> tuple[float, Array]:
@@ -133,22 +148,31 @@ class _Problem:
     def objective(self, T: Array, xyz: Array) -> tuple[float, Array]:
         """The objective, and chi2 of each sighting."""
         cost, chi2 = self._points(T, xyz, self._trial)
-        r = odometry_terms(T[:-1], T[1:], self.steps).r
-        return cost + float(np.einsum("fi,fij,fj->", r, self.information, r)), chi2
+        return cost + self._ties(odometry_terms(T[:-1], T[1:], self.steps), xyz), chi2
 
-    def linearise(self, T: Array, xyz: Array) -> tuple[float, Array]:
-        """Take a new point of linearisation."""
-        self._T, self._xyz = T, xyz
-        self._points(T, xyz, self._work)
-        return self.objective(T, xyz)
+    def _ties(self, terms: PairTerms, xyz: Array) -> float:
+        """What steps and priors cost."""
+        off = xyz - self.prior.xyz_body
+        return float(np.einsum("fi,fij,fj->", terms.r, self.information, terms.r)
+                     + np.einsum("pi,pij,pj->", off, self.prior.information, off))
+
+    def linearise(self, T: Array, xyz: Array) -> float:
+        """Take a new point of linearisation; the objective there."""
+        self._xyz = xyz
+        cost, _ = self._points(T, xyz, self._work)
+        self._terms = odometry_terms(T[:-1], T[1:], self.steps)
+        return cost + self._ties(self._terms, xyz)
 
     def step(self, damping: float) -> tuple[Array, Array] | None:
         """Steps of poses (F, 6) and landmarks (P, 3), or None where the system is singular."""
-        F, P = len(self._T), len(self._xyz)
+        F, P = len(self.steps) + 1, len(self._xyz)
         S, g = np.zeros((F, self.band, 6, 6)), np.zeros((F, 6))
         inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
         rw, Jw, Vw = self._work
-        reduce_landmarks(self.pose, self.start, rw, Jw, Vw, damping, S, g, inverse, gradient)
+        known = self.prior.information
+        pull = (known @ (self._xyz - self.prior.xyz_body)[:, :, None])[:, :, 0]
+        reduce_landmarks(self.pose, self.start, rw, Jw, Vw, known, pull, damping, S, g, inverse,
+                         gradient)
         self._add_steps(S, g)
         S[0] = 0.0                                      # the first pose stays
         S[0, 0], g[0] = np.eye(6), 0.0
@@ -159,7 +183,7 @@ class _Problem:
         return (poses, points) if np.isfinite(points).all() else None
 
     def _add_steps(self, S: Array, g: Array) -> None:
-        terms = odometry_terms(self._T[:-1], self._T[1:], self.steps)
+        terms = self._terms
         first = np.swapaxes(terms.J_first, 1, 2) @ self.information
         second = np.swapaxes(terms.J_second, 1, 2) @ self.information
         S[:-1, 0] += first @ terms.J_first
@@ -167,6 +191,25 @@ class _Problem:
         S[:-1, 1] += first @ terms.J_second
         g[:-1] += (first @ terms.r[:, :, None])[:, :, 0]
         g[1:] += (second @ terms.r[:, :, None])[:, :, 0]
+
+    def condensed(self, T: Array, xyz: Array, leaving: Array) -> tuple[Array, Array]:
+        """Information (P, 3, 3) and place (P, 3) of landmarks by the prior and some sightings.
+
+        Args:
+            leaving: (M,) bool: the sightings that count, their poses taken as they stand.
+        """
+        self._points(T, xyz, self._trial)
+        rw, _, Vw = self._trial
+        index = np.flatnonzero(leaving)
+        added = np.zeros((len(xyz), 3, 3))
+        np.add.at(added, self.landmark[index], np.swapaxes(Vw[index], 1, 2) @ Vw[index])
+        pull = np.zeros((len(xyz), 3))
+        np.add.at(pull, self.landmark[index], np.einsum("mij,mi->mj", Vw[index], rw[index]))
+        information = self.prior.information + added
+        pull += np.einsum("pij,pj->pi", self.prior.information, xyz - self.prior.xyz_body)
+        trace = np.einsum("pii->p", information)
+        regular = information + (1e-9 * trace + 1e-12)[:, None, None] * np.eye(3)
+        return information, xyz - np.linalg.solve(regular, pull[:, :, None])[:, :, 0]
 
     def measure_noise(self, T: Array, xyz: Array) -> None:
         """Scale the assumed noise of pixels and of inverse depths to the residuals.
@@ -192,7 +235,6 @@ class _Problem:
             self.rho_scale2 = max(rho, _SMALLEST_SCALE2)
         else:
             self.rho_scale2 = scales[1]
-
 
     def drop_misfits(self, T: Array, xyz: Array) -> None:
         """Leave out landmarks most of whose sightings fit no one point.

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 class AnchorConfig:
     """Landmarks that are found again in each frame by the picture of their first one."""
 
-    static_count: int = 800
-    object_count: int = 200           # on each object
+    static_count: int = 300
+    object_count: int = 60            # on each object
     every: int = 5                    # frames between detections of new landmarks
     misses: int = 3                   # frames in a row without a sighting that end a landmark
     min_support: float = 0.95         # share of a patch that must lie on one surface
@@ -30,9 +30,23 @@ class BundleConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class WindowConfig:
+    """The partial batch over the last frames, renewed with every frame."""
+
+    enabled: bool = True
+    frames: int = 8
+    iterations: int = 2               # Levenberg-Marquardt steps a frame: it starts near
+    noise_memory: float = 0.8         # weight of the earlier frames in the measured noise
+    # Of what has left the window, each time a frame leaves: it was told with poses that err, too.
+    prior_weight: float = 0.8
+
+
+@dataclass(frozen=True, slots=True)
 class BackendConfig:
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
+    window: WindowConfig = field(default_factory=WindowConfig)
     bundle: BundleConfig = field(default_factory=BundleConfig)
+    global_batch: bool = True         # refine the whole run when it ends
     # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
     # that many of them hold less than their noise claims; flow that was given has noise of its
     # own. Steps tracked on it weigh by this factor against sightings. Measured: docs/departures.md.

@@ -6,10 +6,12 @@ couples the poses that see a landmark in common: blocks (k, k + d) for d up to t
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from slam.factors import landmark_row
 from slam.geometry.arrays import Array
@@ -63,11 +65,14 @@ def linearise(T, xyz, pose, landmark, uv, rho, whitening, camera, width,  # type
 
 
 @numba.njit(cache=True)
-def reduce_landmarks(pose, start, rw, Jw, Vw, damping, S, g, inverse, gradient):  # type: ignore[no-untyped-def]
+def reduce_landmarks(pose, start, rw, Jw, Vw, known, pull, damping, S, g,  # type: ignore[no-untyped-def]
+                     inverse, gradient):
     """Add sightings, landmarks eliminated, to S (F, B, 6, 6) and g (F, 6).
 
     Args:
         start: (P + 1,) where each landmark's sightings begin.
+        known, pull: (P, 3, 3), (P, 3): information held of each landmark beside its sightings,
+            and that information times how far the landmark is from where it would have it.
         damping: Marquardt's factor on the landmarks' diagonals.
         inverse, gradient: (P, 3, 3), (P, 3): filled, for `landmark_steps`.
     """
@@ -77,7 +82,8 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, damping, S, g, inverse, gradient):
     W, A = np.empty((longest, 3, 6)), np.empty((3, 6))
     for p in range(len(start) - 1):
         first, last = start[p], start[p + 1]
-        _own_block(Vw[first:last], rw[first:last], damping, inverse[p], gradient[p])
+        _own_block(Vw[first:last], rw[first:last], known[p], pull[p], damping, inverse[p],
+                   gradient[p])
         _couplings(Vw[first:last], Jw[first:last], W)
         for i in range(first, last):
             k = pose[i]
@@ -111,10 +117,10 @@ def _couplings(V, J, W):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _own_block(V, r, damping, inverse, gradient):  # type: ignore[no-untyped-def]
+def _own_block(V, r, known, pull, damping, inverse, gradient):  # type: ignore[no-untyped-def]
     """Inverse of the damped 3×3 block of one landmark, and its gradient."""
-    C = np.zeros((3, 3))
-    gradient[:] = 0.0
+    C = known.copy()
+    gradient[:] = pull
     for i in range(len(V)):
         for row in range(3):
             for a in range(3):
@@ -180,10 +186,16 @@ def _banded(S, damping):  # type: ignore[no-untyped-def]
     return ab
 
 
+@cache
+def _threads() -> ThreadpoolController:
+    """Made once: looking for the libraries takes longer than a window's solution."""
+    return ThreadpoolController()
+
+
 def solve_poses(S: Array, g: Array, damping: float) -> Array | None:
     """Pose steps (F, 6) of S x = −g, damped; None if the system is not positive definite."""
     # One thread: how a factorisation is cut up among threads changes its last bits.
-    with threadpool_limits(limits=1):
+    with _threads().limit(limits=1):
         try:
             factor = cholesky_banded(_banded(S, damping), lower=True)
         except (LinAlgError, ValueError):

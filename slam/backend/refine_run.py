@@ -28,18 +28,29 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
               for number, body in record.bodies.items() if len(body.frames) > 1}
     if STATIC not in bodies:
         return tracked
-    X = _camera_path(tracked.T_world_camera, record.bodies[STATIC].frames,
-                     bodies[STATIC].T_body_camera)
+    made = _run_of(record, tracked, {n: b.T_body_camera for n, b in bodies.items()})
+    timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
+    return replace(made, points_world=bodies[STATIC].xyz_body, timings_ms=timings)
+
+
+def run_of_record(record: MapRecord, tracked: SlamResult) -> SlamResult:
+    """The run's result with poses and object motions as the record has them."""
+    paths = {number: np.array(body.poses) for number, body in record.bodies.items()
+             if len(body.frames) > 1}
+    return _run_of(record, tracked, paths) if STATIC in paths else tracked
+
+
+def _run_of(record: MapRecord, tracked: SlamResult, paths: dict[int, Array]) -> SlamResult:
+    """The tracked run with T_body_camera (F, 4, 4) of each body in its place."""
+    X = _camera_path(tracked.T_world_camera, record.bodies[STATIC].frames, paths[STATIC])
     objects = dict(tracked.objects)
-    for number, refined in bodies.items():
+    indices = np.array(record.indices)
+    for number, Y in paths.items():
         if number != STATIC:
             body = record.bodies[number]
-            objects[body.track] = _with_motions(
-                objects[body.track], body, np.array(record.indices), refined.T_body_camera, X,
-                tracked.T_world_camera)
-    timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
-    return replace(tracked, T_world_camera=X, objects=objects,
-                   points_world=bodies[STATIC].xyz_body, timings_ms=timings)
+            objects[body.track] = _with_motions(objects[body.track], body, indices, Y, X,
+                                                tracked.T_world_camera)
+    return replace(tracked, T_world_camera=X, objects=objects)
 
 
 def filled_in(sightings: PointObservations) -> PointObservations:
@@ -48,7 +59,7 @@ def filled_in(sightings: PointObservations) -> PointObservations:
     Those that are not finite, and landmarks seen once, are left out.
     """
     order = np.lexsort((sightings.frame, sightings.landmark))
-    s = _take(sightings, order)
+    s = taken(sightings, order)
     size = int(s.landmark.max(initial=-1)) + 1
     later = np.flatnonzero(np.isfinite(s.covariance).all(axis=(1, 2)))
     count = np.bincount(s.landmark[later], minlength=size)
@@ -63,7 +74,7 @@ def filled_in(sightings: PointObservations) -> PointObservations:
     s = replace(s, covariance=covariance, rho=np.where(known, s.rho, 0.0))
     finite = (np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(s.uv_px).all(axis=1)
               & np.isfinite(s.rho))
-    return _take(s, np.flatnonzero(finite))
+    return taken(s, np.flatnonzero(finite))
 
 
 def refine_body(body: BodyRecord, number: int, landmarks: PointLandmarks,
@@ -77,14 +88,15 @@ def refine_body(body: BodyRecord, number: int, landmarks: PointLandmarks,
     own[own] = row_of[sightings.frame[own]] >= 0
     count = np.bincount(sightings.landmark[own], minlength=len(landmarks))
     own &= count[sightings.landmark] >= config.min_sightings
-    s = _take(sightings, np.flatnonzero(own))
+    s = taken(sightings, np.flatnonzero(own))
     used, landmark = np.unique(s.landmark, return_inverse=True)
     s = replace(s, landmark=landmark, frame=row_of[s.frame])
-    path = BodyPath(np.array(body.poses), np.array(body.information))
+    path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information))
     return bundle(path, landmarks.xyz_body[used], s, camera, config)
 
 
-def _take(s: PointObservations, index: Array) -> PointObservations:
+def taken(s: PointObservations, index: Array) -> PointObservations:
+    """The sightings that `index` picks."""
     return PointObservations(*(getattr(s, name)[index] for name in PointObservations.__slots__))
 
 

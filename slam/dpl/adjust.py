@@ -111,6 +111,7 @@ def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, hel
     work = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
     trial = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
     fixed = held[rows.pose]
+    nothing_held = np.zeros((P, 3, 3)), np.zeros((P, 3))
 
     def cost_at(T: Array, xyz: Array, into: tuple[Array, Array, Array]) -> tuple[float, Array]:
         cost, chi2 = linearise(T, xyz, rows.pose, rows.landmark, seen.uv_px, seen.rho,
@@ -124,7 +125,8 @@ def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, hel
     for _ in range(iterations):
         S, g = np.zeros((F, band, 6, 6)), np.zeros((F, 6))
         inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
-        reduce_landmarks(rows.pose, start, *work, damping, S, g, inverse, gradient)
+        reduce_landmarks(rows.pose, start, *work, *nothing_held, damping, S, g, inverse,
+                         gradient)
         S[held, 0] += np.eye(6)
         step = solve_poses(S, g, damping)
         if step is not None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import NamedTuple, Protocol
 
+from slam.backend.config import BackendConfig
 from slam.config import SdplConfig
 from slam.dpl.config import DplConfig
 from slam.systems.dpl import DplSlam
@@ -27,7 +28,7 @@ class SlamSystem(Protocol):
 class Preset(NamedTuple):
     description: str
     config: SystemConfig
-    batch: bool = False      # refine the whole run at its end
+    backend: BackendConfig | None = None     # None: tracking alone
 
 
 _SDPL = SdplConfig()
@@ -41,8 +42,10 @@ PRESETS: Mapping[str, Preset] = {
         replace(_SDPL, motion=replace(_SDPL.motion, optimise_flow=False))),
     "vdo": Preset("points only, as VDO-SLAM",
                   replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
-    "sdpl-batch": Preset("sdpl, and a global batch over landmarks when the run ends", _SDPL,
-                         batch=True),
+    "sdpl-batch": Preset("sdpl, a partial batch with every frame, and a global one at the end",
+                         _SDPL, BackendConfig()),
+    "sdpl-partial": Preset("sdpl and the partial batch alone", _SDPL,
+                           BackendConfig(global_batch=False)),
     "dpl": Preset("DPL-SLAM: ORB points and LBD lines, dynamic ones removed, keyframes",
                   _DPL),
     "orb": Preset("dpl without lines and without removing anything: the static baseline",
@@ -85,5 +88,7 @@ def make(name: str, intrinsics: Intrinsics, config: SystemConfig | None = None) 
     config = preset if config is None else config
     if isinstance(config, DplConfig):
         return DplSlam(intrinsics, config)
-    system = SdplBatch if PRESETS[name].batch else SdplSlam
-    return system(intrinsics, config)
+    backend = PRESETS[name].backend
+    if backend is None:
+        return SdplSlam(intrinsics, config)
+    return SdplBatch(intrinsics, config, backend=backend)

@@ -1,4 +1,4 @@
-"""SDPL-SLAM's tracking, and the global batch over what it saw when the run ends."""
+"""SDPL-SLAM's tracking, a partial batch with every frame, and a global one when the run ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from slam.backend.anchors import AnchorTracker
 from slam.backend.config import BackendConfig
-from slam.backend.refine_run import refine_run
+from slam.backend.refine_run import refine_run, run_of_record
+from slam.backend.window import SlidingWindow
 from slam.config import SdplConfig
 from slam.frontend.flow import FlowEstimator
 from slam.frontend.observe import Observation
@@ -33,7 +34,9 @@ class _HeardMotions(MotionStage):
 
 
 class SdplBatch:
-    """Tracking as `SdplSlam`; `finish` refines all poses and object motions."""
+    """Tracking as `SdplSlam`; each frame's pose is refined with the last ones, and tracking goes on
+    from there; `finish` refines all poses and object motions.
+    """
 
     def __init__(self, intrinsics: Intrinsics, config: SdplConfig | None = None,
                  flow_estimator: FlowEstimator | None = None,
@@ -46,6 +49,7 @@ class SdplBatch:
         self.record = MapRecord()
         self._anchors = AnchorTracker(intrinsics, self.backend.anchors,
                                       self.tracker.config.noise)
+        self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle)
         self._last_row, self._last_pose = 0, np.eye(4)     # of the frame recorded last
         self._body_of_track: dict[int, int] = {}      # of the objects that moved last
 
@@ -59,13 +63,32 @@ class SdplBatch:
         if reference is None or reference.frame is not frame:
             return estimate                       # lost, and tracking goes on from an earlier frame
         self._record(row, reference, estimate)
-        timings = dict(estimate.timings_ms) | {"anchors": 1e3 * (perf_counter() - start)}
+        anchored = perf_counter()
+        if self.backend.window.enabled:
+            self._window.advance(row, self.record, [STATIC, *self._body_of_track.values()])
+            estimate = self._corrected(estimate)
+        self._last_row, self._last_pose = row, estimate.T_world_camera
+        timings = dict(estimate.timings_ms) | {
+            "anchors": 1e3 * (anchored - start), "partial batch": 1e3 * (perf_counter() - anchored)}
         return self.tracker.history.amend(replace(estimate, timings_ms=timings))
+
+    def _corrected(self, estimate: FrameEstimate) -> FrameEstimate:
+        """The estimate in the world as the map has it; this frame's own motions stay."""
+        X = self.record.bodies[STATIC].poses[-1]
+        S = X @ se3.inverse(estimate.T_world_camera)
+        objects = {track: replace(
+            motion, H_world=se3.orthonormalised(S @ motion.H_world @ se3.inverse(S)),
+            centroid_world=se3.transform_points(S, motion.centroid_world[None])[0])
+            for track, motion in estimate.objects.items()}
+        self.tracker.history.T_world_camera = X
+        return replace(estimate, T_world_camera=X, objects=objects)
 
     def finish(self) -> SlamResult:
         """The run after the global batch."""
-        return refine_run(self.record, self.tracker.finish(), self.intrinsics,
-                          self.backend.bundle)
+        tracked = self.tracker.finish()
+        if not self.backend.global_batch:
+            return run_of_record(self.record, tracked)
+        return refine_run(self.record, tracked, self.intrinsics, self.backend.bundle)
 
     def _record(self, row: int, current: Observation, estimate: FrameEstimate) -> None:
         # Where tracking began here, nothing is known of the step to this frame.
@@ -75,29 +98,31 @@ class SdplBatch:
         by_label = {} if tracked is None else {o.label: weight * o.information
                                                for o in tracked.objects}
         X = estimate.T_world_camera
-        self.record.bodies[STATIC].add(row, X, information)
-        poses: dict[int, Array] = {STATIC: X}
+        step = se3.inverse(self._last_pose) @ X
+        static = self.record.bodies[STATIC]
+        if static.frames:
+            static.add(row, step, information)
+        else:
+            static.begin(row, X)
         current_bodies: dict[int, int] = {}
         for track, motion in estimate.objects.items():
             body = self._body_of_track.get(track)
             if body is None:
                 body = self._begin_body(track, motion.centroid_world)
-            before = self.record.bodies[body]
-            # Y_k = L_k⁻¹ X_k with L_k = H_k L_{k−1} and L_{k−1} = X_{k−1} Y_{k−1}⁻¹.
-            L = motion.H_world @ self._last_pose @ se3.inverse(before.poses[-1])
-            poses[body] = se3.orthonormalised(se3.inverse(L) @ X)
-            before.add(row, poses[body], by_label[motion.instance_id])
+            # Y_{k−1}⁻¹ Y_k with Y = L⁻¹ X and L_k = H_k L_{k−1}.
+            in_body = se3.inverse(self._last_pose) @ se3.inverse(motion.H_world) @ X
+            self.record.bodies[body].add(row, in_body, by_label[motion.instance_id])
             current_bodies[track] = body
+        poses = {body: self.record.bodies[body].poses[-1]
+                 for body in (STATIC, *current_bodies.values())}
         self._body_of_track = current_bodies
         body_of_label = {m.instance_id: current_bodies[t] for t, m in estimate.objects.items()}
         body_of_label |= dict.fromkeys(estimate.static_labels, STATIC)
         self._anchors.observe(row, current, poses, body_of_label, self.record)
-        self._last_row, self._last_pose = row, X
 
     def _begin_body(self, track: int, centroid_world: Array) -> int:
         """A body at the object's centroid, with the frame before its first motion."""
         body = self.record.new_body(track)
         L = se3.from_rotation_translation(np.eye(3), centroid_world)
-        self.record.bodies[body].add(self._last_row, se3.inverse(L) @ self._last_pose,
-                                     np.zeros((6, 6)))
+        self.record.bodies[body].begin(self._last_row, se3.inverse(L) @ self._last_pose)
         return body

@@ -8,59 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from point_world import CAMERA, RHO_SIGMA, UV_SIGMA, odometry, position_rms, taken, world
 from slam.backend import reduced
 from slam.backend.bundle import BodyPath, bundle
 from slam.backend.config import BundleConfig
 from slam.factors import landmark_terms
-from slam.geometry import camera as pinhole
 from slam.geometry import se3
-from slam.map import PointObservations
 from slam.residuals import camera_tuple
-from slam.types import Intrinsics
-
-CAMERA = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
-UV_SIGMA, RHO_SIGMA = 0.05, 0.002
-
-
-def world(seed=0, frames=12, landmarks=60, noise=1.0):
-    """Poses (F, 4, 4), points (P, 3) and their sightings by a camera that moves sideways."""
-    rng = np.random.default_rng(seed)
-    steps = np.array([0.0, 0.01, 0.0, 0.05, 0.0, 0.01]) + rng.normal(size=(frames - 1, 6)) * 0.003
-    T = [np.eye(4)]
-    for step in steps:
-        T.append(T[-1] @ se3.exp(step))
-    T = np.array(T)
-    xyz = rng.uniform([-2, -1.5, 3], [2, 1.5, 8], size=(landmarks, 3))
-    landmark = np.repeat(np.arange(landmarks), frames)
-    frame = np.tile(np.arange(frames), landmarks)
-    p = np.einsum("mij,mj->mi", se3.inverse(T)[frame][:, :3, :3],
-                  xyz[landmark]) + se3.inverse(T)[frame][:, :3, 3]
-    uv = pinhole.project(CAMERA, p) + rng.normal(size=(len(p), 2)) * UV_SIGMA * noise
-    rho = 1.0 / p[:, 2] + rng.normal(size=len(p)) * RHO_SIGMA * noise
-    seen = (np.abs(uv - [319.5, 239.5]) < [320, 240]).all(axis=1)
-    s = PointObservations(landmark, frame, uv, np.broadcast_to(np.eye(2) * UV_SIGMA**2,
-                                                              (len(p), 2, 2)),
-                          rho, np.full(len(p), RHO_SIGMA))
-    return T, xyz, taken(s, seen)
-
-
-def taken(s, index):
-    return PointObservations(*(getattr(s, name)[index] for name in s.__slots__))
-
-
-def odometry(T, seed, sigma=(2e-4, 1e-3)):
-    """A path that drifts, with the information of its steps."""
-    rng = np.random.default_rng(seed)
-    s = np.repeat(sigma, 3)
-    steps = se3.inverse(T[:-1]) @ T[1:] @ se3.exp(rng.normal(size=(len(T) - 1, 6)) * s)
-    path = [T[0]]
-    for step in steps:
-        path.append(path[-1] @ step)
-    return BodyPath(np.array(path), np.repeat(np.diag(s**-2.0)[None], len(T), axis=0))
-
-
-def position_rms(T, truth):
-    return np.sqrt(np.mean(np.sum((T[:, :3, 3] - truth[:, :3, 3]) ** 2, axis=1)))
 
 
 def test_the_batch_takes_drift_away():
@@ -124,7 +78,8 @@ def test_never_worse_and_never_nan(seed, case):
         path = replace(path, information=path.information * 0.0)
     elif case == "singular":                 # no depth, no parallax
         s = replace(s, rho_sigma=np.full(len(s), np.inf))
-        path = BodyPath(np.repeat(np.eye(4)[None], 6, 0), np.zeros((6, 6, 6)))
+        path = BodyPath(np.repeat(np.eye(4)[None], 6, 0), np.repeat(np.eye(4)[None], 6, 0),
+                        np.zeros((6, 6, 6)))
     got = bundle(path, xyz, s, CAMERA, BundleConfig())
     assert got.objective <= got.objective_before
     assert np.isfinite(got.T_body_camera).all()
@@ -157,12 +112,17 @@ def test_reduced_system_is_the_schur_complement():
         at = 6 * F + 3 * s.landmark[i]
         full[3 * i:3 * i + 3, at:at + 3] = L @ terms.J_point[i]
     H, b = full.T @ full, full.T @ (terms.r @ L).reshape(-1)
+    half = np.random.default_rng(2).normal(size=(P, 3, 3)) * 50.0     # and what is held besides
+    known, pull = half @ np.swapaxes(half, 1, 2), np.random.default_rng(3).normal(size=(P, 3))
+    for p in range(P):
+        H[6 * F + 3 * p:6 * F + 3 * p + 3, 6 * F + 3 * p:6 * F + 3 * p + 3] += known[p]
+    b[6 * F:] += pull.reshape(-1)
     pp, pl, ll = H[:6 * F, :6 * F], H[:6 * F, 6 * F:], H[6 * F:, 6 * F:]
     expected = pp - pl @ np.linalg.solve(ll, pl.T)
     expected_g = b[:6 * F] - pl @ np.linalg.solve(ll, b[6 * F:])
     S, g = np.zeros((F, F, 6, 6)), np.zeros((F, 6))
     inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
-    reduced.reduce_landmarks(s.frame, start, r, J, V, 0.0, S, g, inverse, gradient)
+    reduced.reduce_landmarks(s.frame, start, r, J, V, known, pull, 0.0, S, g, inverse, gradient)
     scale = np.abs(expected).max()
     for k in range(F):
         for d in range(F - k):
