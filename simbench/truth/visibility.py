@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from simbench.truth.motion import PartMotion, Projection
@@ -67,21 +68,30 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
 
 def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> Array:
     """(h, W) bool: the four pixels around show the point's part as a plane not before the point."""
-    width, w = part.shape[1], seen.inverse_depth
-    u, v = np.where(inside, uvz[:2], 0.0)
-    visible = np.minimum(u, v) >= 0.0   # outside of that there is no cell
-    u0, v0 = np.trunc(u), np.trunc(v)
-    cell = (v0 * width + u0).astype(np.intp)
-    u -= u0
-    v -= v0
-    corner = w.take(cell)
-    u *= w.take(cell + 1, mode="clip") - corner
-    v *= w.take(cell + width, mode="clip") - corner
-    u += v
-    u += corner
-    u *= uvz[2]
-    visible &= u <= 1.0 + TOLERANCE_RELATIVE
-    visible &= seen.cell_part.take(cell) == part
+    return _planes_seen(part, uvz, inside, seen.inverse_depth, seen.cell_part,
+                        1.0 + TOLERANCE_RELATIVE)
+
+
+@numba.njit(cache=True)
+def _planes_seen(part: Array, uvz: Array, inside: Array, inverse_depth: Array, cell_part: Array,
+                 limit: float) -> Array:
+    height, width = part.shape
+    last = len(inverse_depth) - 1
+    visible = np.zeros((height, width), np.bool_)
+    for row in range(height):
+        for column in range(width):
+            u, v = uvz[0, row, column], uvz[1, row, column]
+            if not inside[row, column] or min(u, v) < 0.0:   # outside of that there is no cell
+                continue
+            u0, v0 = int(u), int(v)
+            cell = v0 * width + u0
+            if cell_part[cell] != part[row, column]:
+                continue
+            corner = inverse_depth[cell]
+            inverse = (u - u0) * np.float64(inverse_depth[min(cell + 1, last)] - corner)
+            inverse += (v - v0) * np.float64(inverse_depth[min(cell + width, last)] - corner)
+            inverse += corner
+            visible[row, column] = inverse * uvz[2, row, column] <= limit
     return visible
 
 
