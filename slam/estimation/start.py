@@ -19,15 +19,17 @@ _FITS = 0.3            # of the cost that matches without any motion have: no se
 
 
 def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, sigma_px: float,
-                 candidates: Array) -> Array | None:
+                 candidates: Array, own: Array | None = None) -> Array | None:
     """The pose T_a_b (4, 4) that the most matches support, or None with too few matches.
 
     Args:
-        points: matches of one rigid motion.
+        points: matches, of one rigid motion unless `own` says which are.
         sigma_px: standard deviation of their flow.
         candidates: (M, 4, 4) poses to try before P3P: the predicted motion, standing still.
+        own: (K,) which of the matches move so; None: all.
     """
-    usable = np.flatnonzero(points.rho_a > 0)
+    own = np.arange(len(points)) if own is None else own
+    usable = own[points.rho_a[own] > 0]
     if len(usable) < config.min_points:
         return None
     sample = take(points, usable[:: max(1, len(usable) // config.max_points)])

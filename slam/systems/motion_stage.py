@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,7 +68,7 @@ class Tracked:
     lost_because: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Matched:
     """Everything that goes into the solver, and which feature tracks it came from."""
 
@@ -78,11 +79,17 @@ class _Matched:
     lines: LineMatches
     line_index: Array
 
+    @cached_property
+    def every(self) -> PointMatches:
+        """The cells, then the corners."""
+        return join(self.grid, self.corners)
+
     def points(self, parked: Array) -> PointMatches:
         """All points; those of parked groups count for the static world too."""
-        every = join(self.grid, self.corners)
-        still = take(every, np.isin(every.group, parked))
-        return join(every, replace(still, group=np.zeros_like(still.group)))
+        if len(parked) == 0:
+            return self.every
+        still = take(self.every, np.isin(self.every.group, parked))
+        return join(self.every, replace(still, group=np.zeros_like(still.group)))
 
 
 class MotionStage:
@@ -157,7 +164,7 @@ class MotionStage:
     def _starts(self, matched: _Matched, expected: list[Array],
                 parked: Array) -> tuple[Array, dict[int, str]]:
         """Where each group's refinement starts, and the groups that have too little to start."""
-        points = join(matched.grid, matched.corners)
+        points = matched.every
         why: dict[int, str] = {}
         starts = np.repeat(np.eye(4)[None], len(expected), axis=0)
         for group, T_expected in enumerate(expected):
@@ -169,8 +176,8 @@ class MotionStage:
                 why[group] = f"{len(own)} matches, {needed} are needed"
                 continue
             candidates = np.stack([T_expected, expected[0], np.eye(4)])
-            found = start_motion(take(points, own), self.intrinsics, self.config.start,
-                                 self.config.noise.flow_sigma_px, candidates)
+            found = start_motion(points, self.intrinsics, self.config.start,
+                                 self.config.noise.flow_sigma_px, candidates, own)
             if found is None:
                 why[group] = "no depth on it"
             else:
@@ -201,20 +208,20 @@ class MotionStage:
 
         A thing that sets off would else pull the camera along, and then seem to stand.
         """
-        every = join(matched.grid, matched.corners)
+        every = matched.every
         standing = []
         for group in parked:
             relative = rough.T_a_b[0] @ se3.inverse(rough.T_a_b[group])
-            points = self._points_a(take(every, every.group == group))
+            points = self._points_a(every, every.group == group)
             if not moves(relative, rough.information[0], rough.information[group], points,
                          max(dt_s, 1e-6), self.config.dynamic):
                 standing.append(group)
         return np.array(standing, dtype=np.int64)
 
-    def _points_a(self, matches: PointMatches) -> Array:
+    def _points_a(self, matches: PointMatches, index: Array) -> Array:
         """(N, 3) m, in camera a."""
-        return np.asarray(pinhole.back_project(self.intrinsics, matches.uv_a,
-                                               1.0 / np.maximum(matches.rho_a, 1e-6)))
+        return np.asarray(pinhole.back_project(self.intrinsics, matches.uv_a[index],
+                                               1.0 / np.maximum(matches.rho_a[index], 1e-6)))
 
     def _aligns(self, image_flow: bool) -> bool:
         use = self.config.refine.use
@@ -289,7 +296,7 @@ class MotionStage:
     def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],
                  why: dict[int, str], parked: Array, image_flow: bool) -> Tracked:
         gate = self.config.motion.point_gate
-        own = join(matched.grid, matched.corners)
+        own = matched.every
         chi = motions.point_chi[: len(own)]
         good = chi < gate
         static = np.isin(own.group, [0, *parked])
@@ -330,7 +337,7 @@ class MotionStage:
     def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
                 motions: Motions) -> ObjectMotion:
         members = np.flatnonzero(own.group == group)
-        points = self._points_a(take(own, members))
+        points = self._points_a(own, members)
         # Against the static world's noise: an object that bends is not excused by its own.
         excess = motions.flow_scale[group, OBJECT_GRID_KIND] / self.scales.flow[OBJECT_GRID_KIND]
         rigid = chi[members] * max(1.0, float(excess)) < self.config.motion.point_gate
