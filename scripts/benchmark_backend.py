@@ -1,10 +1,11 @@
-"""What the global batch makes of tracking: errors against truth, and time.
+"""What partial and global batch make of tracking: errors against truth, and time.
 
     python scripts/benchmark_backend.py --scene SwingingBoxes-v0 --frames 60 --seeds 0 1 2
     python scripts/benchmark_backend.py --growth 75 150 300
 
-Each run tracks once and is scored twice, as tracked and after the batch, so that the ratios are
-paired. Object drift is the error of an object's motion over ten frames, seen from the camera.
+Each run is scored three times: tracking alone, what `process` returned with the partial batch, and
+after the global one, so that the ratios are paired. Object drift is the error of an object's motion
+over ten frames, seen from the camera.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from simbench.types import Trajectories
 from simbench.world import make_world
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.systems.sdpl import SdplSlam
 from slam.systems.sdpl_batch import SdplBatch
 from slam.types import SlamResult
 
@@ -42,13 +44,15 @@ class Run:
     """One sequence, tracked and refined."""
 
     tracked: dict[str, float]
+    partial: dict[str, float]
     refined: dict[str, float]
     anchors_ms: float
+    partial_ms: float
     batch_s: float
 
 
 def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
-    """Track a simulated sequence once, then refine it."""
+    """A simulated sequence tracked alone, and with both batches."""
     world = make_world(scene, seed, {"texture": texture})
     renderer = make_renderer("mujoco", world)
     sequence = SimulatedSequence(world, renderer, frames)
@@ -56,23 +60,26 @@ def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
     feed = Feed(sequence, InputChoice(
         flow=choice.flow, flow_noise_kind=choice.flow_noise_kind,
         flow_sigma_px=choice.flow_sigma_px, masks="truth", depth="sensor", sensor="gaussian"), seed)
-    system = SdplBatch(sequence.intrinsics)
+    alone, system = SdplSlam(sequence.intrinsics), SdplBatch(sequence.intrinsics)
     owner: dict[tuple[int, int], int] = {}
-    anchors = []
+    anchors, partial = [], []
     for k in range(frames):
-        estimate = system.process(feed.frame(k))
+        frame = feed.frame(k)
+        alone.process(frame)
+        estimate = system.process(frame)
         names = feed.true_object_of_label(k)
         owner |= {(track, k): names[motion.instance_id]
                   for track, motion in estimate.objects.items() if motion.instance_id in names}
         anchors.append(estimate.timings_ms.get("anchors", 0.0))
+        partial.append(estimate.timings_ms.get("partial batch", 0.0))
     start = time.perf_counter()
     refined = system.finish()
     batch_s = time.perf_counter() - start
     truth = sequence.truth.trajectories
     scores = [camera_scores(r, truth) | object_scores(r, owner, truth)
-              for r in (system.tracker.finish(), refined)]
+              for r in (alone.finish(), system.tracker.finish(), refined)]
     renderer.close()
-    return Run(scores[0], scores[1], float(np.median(anchors)), batch_s)
+    return Run(*scores, float(np.median(anchors)), float(np.median(partial)), batch_s)
 
 
 def camera_scores(result: SlamResult, truth: Trajectories) -> dict[str, float]:
@@ -130,14 +137,14 @@ def _object_error(result: SlamResult, truth: Trajectories, true_id: int, k: int,
 
 def table(runs: Sequence[Run]) -> str:
     """Means over the runs, and the paired ratio with its 95 % interval."""
-    lines = [f"{'':20s}{'tracked':>10s}{'batch':>10s}{'ratio':>8s}   95 %"]
-    for key in runs[0].tracked:
+    lines = [f"{'':20s}{'':8s}{'tracked':>10s}{'refined':>10s}{'ratio':>8s}   95 %"]
+    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "global")):
         before = np.array([r.tracked[key] for r in runs])
-        after = np.array([r.refined[key] for r in runs])
+        after = np.array([(r.partial if name == "partial" else r.refined)[key] for r in runs])
         ratio = np.log(after / before)
         half = (student.ppf(0.975, len(ratio) - 1) * ratio.std(ddof=1) / np.sqrt(len(ratio))
                 if len(ratio) > 1 else np.nan)
-        lines.append(f"{key:20s}{before.mean():10.4f}{after.mean():10.4f}"
+        lines.append(f"{key:20s}{name:8s}{before.mean():10.4f}{after.mean():10.4f}"
                      f"{np.exp(ratio.mean()):8.2f}   {np.exp(ratio.mean() - half):.2f} to "
                      f"{np.exp(ratio.mean() + half):.2f}")
     return "\n".join(lines)
@@ -158,8 +165,8 @@ def main() -> None:
         times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture)
                  for n in options.growth]
         for n, timed in zip(options.growth, times, strict=True):
-            print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f} "
-                  "ms a frame")
+            print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f}, "
+                  f"partial batch {timed.partial_ms:.1f} ms a frame")
         slope = np.polyfit(np.log(options.growth), np.log([r.batch_s for r in times]), 1)[0]
         print(f"time of the batch grows with frames to the power {slope:.2f}")
         return
@@ -168,7 +175,8 @@ def main() -> None:
                 for seed in options.seeds]
         print(f"\n{options.scene}, {options.frames} frames, seeds {options.seeds}, flow {flow}: "
               f"mm; batch {np.median([r.batch_s for r in runs]):.1f} s, anchors "
-              f"{np.median([r.anchors_ms for r in runs]):.0f} ms a frame")
+              f"{np.median([r.anchors_ms for r in runs]):.0f}, partial batch "
+              f"{np.median([r.partial_ms for r in runs]):.0f} ms a frame")
         print(table(runs), flush=True)
 
 
