@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from simbench import storage
-from simbench.depth_range import farthest_depth
 from simbench.errors import UserError
 from simbench.render import Renderer, make_renderer
 from simbench.render.gl import gl_renderer_name
@@ -30,8 +29,6 @@ from simbench.simulate import SimulatedSequence
 from simbench.world import World, make_world
 from slam.geometry.arrays import Array
 
-_INDOOR_BASELINE_M = 0.12     # of a stereo camera for rooms
-_OUTDOOR_BASELINE_M = 0.54    # KITTI's
 _FRAMES_A_TASK = 4
 _RECORDED_VERSIONS = ("mujoco", "numpy", "opencv-contrib-python-headless", "zarr")
 
@@ -150,7 +147,8 @@ class _Studio:
     def build(cls, settings: GenerateSettings) -> _Studio:
         world = settings.make_world()
         renderer = make_renderer("mujoco", world)
-        return cls(settings, SimulatedSequence(world, renderer, settings.frames), renderer)
+        return cls(settings, SimulatedSequence(world, renderer, settings.frames,
+                                               stereo=settings.stereo), renderer)
 
     def left(self, k: int, sensor: SensorSpec) -> Array:
         """(H, W, 3) uint8 before noise."""
@@ -158,14 +156,6 @@ class _Studio:
             return self.sequence.render_blurred(k, sensor.exposure_s,
                                                 sensor.exposure_subframes)
         return self.sequence.rgb(k)
-
-    def right(self, k: int, baseline_m: float) -> Array:
-        """(H, W, 3) uint8 before noise, from a camera shifted along x by the baseline."""
-        world = self.sequence.truth.world_at(k)
-        shift = np.eye(4)
-        shift[0, 3] = baseline_m
-        world.camera_offset = world.camera_offset @ shift
-        return self.renderer.rgb(world)
 
 
 def identity_of(settings: GenerateSettings) -> dict[str, Any]:
@@ -211,11 +201,8 @@ def _write_fixed(out: Path, sequence: SimulatedSequence,
                                  strict=True)
     T_world_camera, T_world_part = np.stack(cameras), np.stack(parts)
     layout = sequence.truth.layout
-    reach_m = farthest_depth(sequence.truth.world_at(0).model, T_world_camera, T_world_part)
-    scale = storage.depth_scale_for(reach_m)
-    baseline_m = None
-    if settings.stereo:
-        baseline_m = _INDOOR_BASELINE_M if scale == storage.DEPTH_SCALES[0] else _OUTDOOR_BASELINE_M
+    scale = storage.depth_scale_for(sequence.truth.reach_m)
+    baseline_m = sequence.intrinsics.baseline_m
     for kind in (*storage.PICTURES, *(("right",) if settings.stereo else ())):
         (out / kind).mkdir(exist_ok=True)
     storage.write_fixed_truth(out, layout, sequence.stamps_s, T_world_camera, T_world_part,
@@ -239,7 +226,7 @@ def _write_frame(studio: _Studio, target: _Target, k: int) -> None:
     left = apply_rgb_noise(studio.left(k, sensor), sensor.rgb, generator(seed, Stage.RGB, k))
     storage.write_png(storage.image_path(out, "rgb", k), left)
     if target.baseline_m is not None:
-        right = apply_rgb_noise(studio.right(k, target.baseline_m), sensor.rgb,
+        right = apply_rgb_noise(sequence.right(k), sensor.rgb,
                                 generator(seed, Stage.RGB_RIGHT, k))
         storage.write_png(storage.image_path(out, "right", k), right)
 

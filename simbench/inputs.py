@@ -74,11 +74,12 @@ class Feed:
             raise IndexError(f"frame {k} of {self._length}")
         rgb = self._rgb(k)
         labels, self._objects[k] = self._masks(rgb, k)
+        right = self._right(k) if "stereo" in self.sequence.holds else None
         return Frame(
             index=k, stamp_s=float(self.sequence.stamps_s[k]), rgb=rgb,
-            depth_m=clean_depth(self._depth(k)), intrinsics=self.intrinsics, instance_id=labels,
-            boxes=self._boxes(rgb, k), flow=None if k == 0 else self._flow(k),
-            right=self._right(k) if "stereo" in self.sequence.holds else None)
+            depth_m=clean_depth(self._depth(rgb, right, k)), intrinsics=self.intrinsics,
+            instance_id=labels, boxes=self._boxes(rgb, k),
+            flow=None if k == 0 else self._flow(k), right=right)
 
     def true_object_of_label(self, k: int) -> dict[int, int]:
         """Mask label in frame k → true instance id; labels that stand on no object are absent.
@@ -119,12 +120,12 @@ class Feed:
             return right
         return apply_rgb_noise(right, self.sensor.rgb, generator(self.seed, Stage.RGB_RIGHT, k))
 
-    def _depth(self, k: int) -> Array:
+    def _depth(self, rgb: Array, right: Array | None, k: int) -> Array:
         kind = self.choice.depth
         if kind == "given":
             return self._record(k).depth_m
         if kind == "stereo":
-            return _stereo_depth(self._record(k))
+            return _stereo_depth(rgb, right, self.intrinsics)
         depth_m = self._truth.frame(k).depth_m
         if kind == "truth":
             return depth_m
@@ -182,11 +183,11 @@ def _flow_noise(noise: FlowNoise, choice: InputChoice) -> FlowNoise:
                    shape=choice.flow_noise_shape or noise.shape)
 
 
-def _stereo_depth(recorded: Frame) -> Array:
+def _stereo_depth(left: Array, right: Array | None, intrinsics: Intrinsics) -> Array:
     from slam.frontend.stereo import depth_from_stereo  # noqa: PLC0415 (only where it is used)
-    if recorded.right is None or recorded.intrinsics.baseline_m is None:
-        return np.zeros_like(recorded.depth_m)
-    return depth_from_stereo(recorded.rgb, recorded.right, recorded.intrinsics)
+    if right is None or intrinsics.baseline_m is None:
+        return np.zeros(left.shape[:2], np.float32)
+    return depth_from_stereo(left, right, intrinsics)
 
 
 _Kept = TypeVar("_Kept")

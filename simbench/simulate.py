@@ -6,11 +6,13 @@ import hashlib
 import json
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from simbench.depth_range import farthest_depth
 from simbench.errors import UserError
 from simbench.exposure import mean_in_linear_light
 from simbench.render import Renderer
@@ -29,6 +31,9 @@ from slam.geometry.arrays import Array
 from slam.types import FlowField, Frame, Intrinsics
 
 _KEPT = 4   # frames, and flows, that stay in memory
+_INDOOR_M = 13.1              # scenes that reach no farther get a stereo camera for rooms
+_INDOOR_BASELINE_M = 0.12
+_OUTDOOR_BASELINE_M = 0.54    # KITTI's
 
 
 class SimulatedTruth:
@@ -52,6 +57,11 @@ class SimulatedTruth:
             T_world_camera.append(world.T_world_camera)
             T_world_part.append(world.T_world_part)
         self._T_world_camera, self._T_world_part = np.stack(T_world_camera), np.stack(T_world_part)
+
+    @property
+    def reach_m(self) -> float:
+        """The largest depth that any frame can hold."""
+        return farthest_depth(self._world.model, self._T_world_camera, self._T_world_part)
 
     def world_at(self, k: int) -> World:
         """The world, brought to the instant of frame k."""
@@ -109,9 +119,8 @@ class SimulatedTruth:
 class SimulatedSequence(IteratesFrames):
     """Frames as an ideal camera records them: exact depth, true flow, true object ids as labels."""
 
-    holds = frozenset({"flow", "masks", "depth"})
-
-    def __init__(self, world: World, renderer: Renderer, frames: int, kept: int = _KEPT) -> None:
+    def __init__(self, world: World, renderer: Renderer, frames: int, kept: int = _KEPT,
+                 stereo: bool = False) -> None:
         """Move the world through all its frames (none is drawn yet).
 
         Args:
@@ -120,20 +129,26 @@ class SimulatedSequence(IteratesFrames):
             frames: K > 0; frame k is at k / world.fps.
             kept: frames (12 MB each at 640×480, flow included) that stay in memory; all of them
                 where several systems are to see the same sequence.
+            stereo: frames have a right image, and the intrinsics a baseline.
         Raises:
             UserError: frames is not positive.
         """
         if frames < 1:
             raise UserError(f"frames {frames}: a sequence has at least one")
         self.stamps_s = np.arange(frames) / world.fps
-        self.intrinsics: Intrinsics = world.layout.intrinsics
         self.truth = SimulatedTruth(world, renderer, self.stamps_s, kept)
+        self.intrinsics: Intrinsics = world.layout.intrinsics
+        self.holds = frozenset({"flow", "masks", "depth"} | ({"stereo"} if stereo else set()))
+        if stereo:
+            indoors = self.truth.reach_m <= _INDOOR_M
+            self.intrinsics = replace(self.intrinsics, baseline_m=(
+                _INDOOR_BASELINE_M if indoors else _OUTDOOR_BASELINE_M))
         self.name: str = world.spec.name
         self._fps: float = world.fps
         self._identity = {"scene": world.spec.name, "seed": world.seed, "dials": world.dials,
                           "fps": world.fps, "frames": frames, "renderer": type(renderer).__name__,
                           "size": [self.intrinsics.width, self.intrinsics.height],
-                          "mujoco": mujoco.__version__}
+                          "mujoco": mujoco.__version__} | ({"stereo": True} if stereo else {})
         self._renderer = renderer
         self._pictures = _Memory(kept)
 
@@ -149,11 +164,26 @@ class SimulatedSequence(IteratesFrames):
         truth = self.truth.frame(k)
         return Frame(index=k, stamp_s=truth.stamp_s, rgb=self.rgb(k), depth_m=truth.depth_m,
                      intrinsics=self.intrinsics, instance_id=truth.instance_id,
-                     flow=None if k == 0 else _as_field(self.truth.flow(k - 1, k)))
+                     flow=None if k == 0 else _as_field(self.truth.flow(k - 1, k)),
+                     right=self.right(k) if "stereo" in self.holds else None)
 
     def rgb(self, k: int) -> Array:
         """(H, W, 3) uint8 picture of the instant of frame k."""
         return self._pictures.get(k, lambda: self._renderer.rgb(self.truth.world_at(k)))
+
+    def right(self, k: int) -> Array:
+        """(H, W, 3) uint8 picture of frame k from a camera one baseline to the right.
+
+        Raises:
+            ValueError: the sequence was made without stereo.
+        """
+        if self.intrinsics.baseline_m is None:
+            raise ValueError(f"{self.name}: was made without stereo")
+        world = self.truth.world_at(k)
+        shift = np.eye(4)
+        shift[0, 3] = self.intrinsics.baseline_m
+        world.camera_offset = world.camera_offset @ shift
+        return self._renderer.rgb(world)
 
     def render_blurred(self, k: int, exposure_s: float, subframes: int) -> Array:
         """(H, W, 3) uint8 picture of an exposure around the instant of frame k.

@@ -104,7 +104,7 @@ def run_command(
         ("--size", size), ("--fps", fps), ("--texture", texture), ("--rigidity", rigidity),
         ("--dial", dial), ("--sensor", sensor)) if value is not None]
     with captured_log() as said, _opened(source, calibration, seed, frames,
-                                         scene_options, only_scenes) as sequence:
+                                         scene_options, only_scenes, depth == "stereo") as sequence:
         feed = Feed(sequence, choice, seed, frames)
         with frame_progress(f"{system} on {sequence.name}", len(feed)) as advance:
             outcome = run_to_folder(
@@ -127,7 +127,8 @@ def _tell(system: str, outcome: Outcome, out: Path) -> None:
 
 @contextmanager
 def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
-            scene_options: dict[str, Any], only_scenes: list[str]) -> Iterator[Sequence]:
+            scene_options: dict[str, Any], only_scenes: list[str], stereo: bool
+            ) -> Iterator[Sequence]:
     """A folder as it is, or a scene rendered as it is asked for."""
     if Path(source).exists() or _looks_like_a_path(source):
         from simbench.sequence import open_sequence
@@ -147,7 +148,8 @@ def _opened(source: str, calibration: str | None, seed: int, frames: int | None,
                        scene_options["fps"])
     renderer = make_renderer("mujoco", world)
     try:
-        yield SimulatedSequence(world, renderer, world.spec.frames if frames is None else frames)
+        yield SimulatedSequence(world, renderer, world.spec.frames if frames is None else frames,
+                                stereo=stereo)
     finally:
         renderer.close()
 

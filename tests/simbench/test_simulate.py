@@ -1,5 +1,6 @@
 """A simulated sequence in memory."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -105,3 +106,24 @@ def test_the_motion_of_an_object_carries_its_scene_flow(marker_sequence):
     assert np.allclose(flow.scene_flow_m[v, u], se3.transform_points(H, world) - world, atol=1e-5)
     background = a.instance_id == 0
     assert not flow.scene_flow_m[background].any()
+
+
+def test_a_point_stands_its_disparity_further_left_in_the_right_image(marker_spec):
+    world = make_world(marker_spec)
+    renderer = make_renderer("mujoco", world)
+    stereo = SimulatedSequence(world, renderer, frames=3, stereo=True)
+    plain = SimulatedSequence(make_world(marker_spec), renderer, frames=3)
+    frame = stereo.frame(1)
+    np.testing.assert_array_equal(frame.rgb, plain.frame(1).rgb)   # the right one disturbs nothing
+    assert stereo.fingerprint() != plain.fingerprint()
+    i = frame.intrinsics
+    v, u = np.mgrid[:i.height, :i.width].astype(np.float32)
+    disparity = i.fx * i.baseline_m / np.maximum(frame.depth_m, 1e-3)
+    moved = cv2.remap(frame.right, u - disparity, v, cv2.INTER_LINEAR)
+    inside = (u - disparity > 0) & (frame.depth_m > 0)
+    difference = np.abs(moved.astype(int) - frame.rgb).mean(axis=-1)
+    # Half of the pixels at least are no border and hidden in neither image.
+    assert np.median(difference[inside]) <= 3.0
+    assert np.median(np.abs(frame.right.astype(int) - frame.rgb).mean(axis=-1)[inside]) \
+        > 2.0 * np.median(difference[inside])
+    renderer.close()
