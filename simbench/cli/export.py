@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simbench.cli.options import Calibration
+from simbench.errors import UserError
 
 
 def export_command(
@@ -22,6 +23,9 @@ def export_command(
 
     exporter = find_exporter(layout)
     sequence = open_sequence(folder, calibration)
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f"--out {out}: lies within {folder}, whose files would no longer be those "
+                        "of the recording; choose a folder outside it")
     with frame_progress(f"export {layout}", len(sequence)) as advance:
         exporter(sequence, out, advance)
     typer.echo(f"{out}: {len(sequence)} frames in the {layout} layout")

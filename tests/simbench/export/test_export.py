@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from folders import HEIGHT, WIDTH, kitti_folder, raw_depth, save, tum_folder, vdo_folder
+from simbench.cli import main
 from simbench.datasets.flo import flo_bytes, read_flo
 from simbench.errors import UnknownName, UserError
 from simbench.export import find_exporter
@@ -126,6 +127,14 @@ def test_depths_beyond_16_bits_are_named_in_the_log(tmp_path, caplog):
     depth_m = open_sequence(tmp_path / "out").frame(0).depth_m
     assert depth_m[0, 0] == 0
     assert_allclose(depth_m.ravel()[1:], 4.0, atol=1e-4)
+
+
+def test_an_export_into_its_own_source_is_refused(tmp_path, capsys):
+    source = tum_folder(tmp_path / "t")
+    for out in (source, source / "copy"):
+        assert main(["export", str(source), "--format", "vdo", "--out", str(out)]) == 2
+        assert "outside it" in capsys.readouterr().err
+    assert not (source / "copy").exists()
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path):
