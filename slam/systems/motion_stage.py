@@ -324,6 +324,10 @@ class MotionStage:
             if image_flow and self._aligns(image_flow) and aligned < needed:
                 why[group] = f"{aligned} of its corners could be aligned"
                 continue
+            sigma = float(_rotation_sigma(motions.information[group]))
+            if sigma > self.config.dynamic.max_rotation_sigma:
+                why[group] = f"its rotation is known to {np.degrees(sigma):.1f}° only"
+                continue
             objects.append(self._object(group, label, own, good, chi, motions))
         corners = slice(len(matched.grid), len(own))
         alive = np.flatnonzero(good[corners])
@@ -348,9 +352,13 @@ class MotionStage:
 
 def _belief_in_rotation(information: Array) -> Array:
     """(G,) between 0 and 1: how small a rotation's uncertainty is against 0.02 rad."""
-    regular = information + np.eye(6) * 1e-6
-    variance = np.trace(np.linalg.inv(regular)[:, :3, :3], axis1=1, axis2=2)
-    return np.asarray(1.0 / (1.0 + variance / 0.02**2))
+    return np.asarray(1.0 / (1.0 + (_rotation_sigma(information) / 0.02) ** 2))
+
+
+def _rotation_sigma(information: Array) -> Array:
+    """(...) rad: standard deviation of a rotation, over all axes, by information (..., 6, 6)."""
+    variance = np.linalg.inv(information + np.eye(6) * 1e-6)
+    return np.asarray(np.sqrt(np.trace(variance[..., :3, :3], axis1=-2, axis2=-1)))
 
 
 def _groups_of(labels: Array, group_of_label: dict[int, int]) -> Array:

@@ -8,7 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import box_world as bw
 import slam
+from slam.config import DynamicConfig, SdplConfig
 from slam.geometry import se3
+from slam.systems.sdpl import SdplSlam
 from slam.types import Status
 
 
@@ -40,6 +42,16 @@ def test_camera_and_object_motions_are_found(two_boxes, own_flow, camera_mm, obj
                        for e in estimates for motion in e.objects.values()])
     assert errors[:, 0].mean() * 1e3 < object_mm          # it moves by 54 mm a frame
     assert np.degrees(errors[:, 1].mean()) < object_deg   # and turns by 1.8°
+
+
+def test_a_motion_whose_rotation_is_hardly_known_is_left_out_with_the_reason(two_boxes):
+    camera, _, frames = two_boxes
+    demanding = SdplConfig(dynamic=DynamicConfig(max_rotation_sigma=1e-7))
+    system = SdplSlam(frames[0].intrinsics, demanding)
+    estimates = [system.process(frame) for frame in frames[:4]]
+    assert all(not e.objects and "its rotation is known to" in e.reason for e in estimates[1:])
+    t, _ = bw.camera_errors(camera, estimates)
+    assert t.mean() * 1e3 < 0.4
 
 
 def test_the_box_that_stands_is_named_static_and_its_centre_is_not_tracked(two_boxes):
