@@ -46,6 +46,11 @@ METRICS: Mapping[str, Metric] = {metric.name: metric for metric in (
         _error(f"{block}.E_t", "m", 1e-6, f"{who}: translation error of a motion"),
         _error(f"{block}.E_R", "°", 1e-5, f"{who}: rotation error of a motion"),
         _share(f"{block}.coverage", f"{who}: share of true motions that were estimated"))),
+    *(_error(f"objects.all.{key}{suffix}", unit, floor, f"all objects{against}: {what} error")
+      for key, unit, floor, what in (("E_t", "m", 1e-6, "translation"),
+                                     ("E_R", "°", 1e-5, "rotation"))
+      for suffix, against in (("", ""), ("_rigid_fit", ", against their best rigid motion"))),
+    _share("objects.all.coverage", "all objects: share of true motions that were estimated"),
     *(_error(f"{block}.ate.rmse", "m", 1e-6, f"{who}: ATE")
       for block, who in _BLOCKS[:2]),
     *(_error(f"{block}.rpe.{over}.{key}", unit, floor, f"{who}: RPE over {over}")
@@ -80,8 +85,27 @@ def flat_metrics(metrics: Mapping[str, Any]) -> dict[str, float]:
             if key not in _NOT_NUMBERS_OF_THE_ESTIMATE}
     for key in ("objects", "objects_batch"):
         if key in kept:
-            kept[key] = {"mean": kept[key].get("mean", {})}
+            kept[key] = {"mean": kept[key].get("mean", {}), "all": _of_all(kept[key])}
     return dict(_flattened("", kept))
+
+
+def _of_all(objects: Mapping[str, Any]) -> dict[str, float]:
+    """Means over the scored motions of all moving objects, those that deform among them.
+
+    `*_rigid_fit` holds deforming objects against the rigid motion that fits them best; to a rigid
+    object that is its own motion.
+    """
+    blocks = [block for key, block in objects.items()
+              if key != "mean" and block.get("frames") and "E_t" in block]
+    total = sum(block["frames"] for block in blocks)
+    out = {}
+    for name in ("E_t", "E_R"):
+        for suffix in ("", "_rigid_fit"):
+            values = [block.get(name + suffix, block[name]) * block["frames"] for block in blocks]
+            if total:
+                out[name + suffix] = sum(values) / total
+    moving = sum(block.get("moving_frames", 0) for key, block in objects.items() if key != "mean")
+    return out | ({"coverage": total / moving} if moving else {})
 
 
 def _flattened(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
