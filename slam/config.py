@@ -92,7 +92,10 @@ class DynamicConfig:
     max_rotation_sigma: float = 0.02  # rad a frame; what is known less well is no motion
     trusted_rigidity: float = 0.5     # only motions above it predict the next frame
     min_overlap: float = 0.3          # share of a mask that the flow must carry to its successor
-    forget_s: float = 1.0             # a track without a mask is forgotten after this time
+    carry_s: float = 0.35             # so long a mask that is missed goes on with the flow
+    find_again_acceleration_m_s2: float = 4.0   # of lost objects: a braking car, a swinging box
+    find_again_likeness: float = 0.7  # share of a mask's colours that the object had, too
+    forget_s: float = 3.0             # a track without a mask is forgotten after this time
 
 
 @dataclass(frozen=True, slots=True)

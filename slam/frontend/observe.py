@@ -26,6 +26,8 @@ class Observation:
     rho: Array           # (H, W) float32 inverse depth, 0 = unknown
     labels: Array        # (n + 1,) mask labels; labels[0] = 0, the background
     label_index: Array   # (H, W) uint8: index into labels; 255 = a mask beyond the 254 largest
+    instance_id: Array | None   # (H, W) int32 the labels themselves; None = no masks
+    carried: tuple[int, ...] = ()   # labels of masks that were not given but carried here
 
     def shifted(self, offset: float) -> Observation:
         """The same with an offset, 1/m, added to every inverse depth that is known."""
@@ -50,7 +52,7 @@ def observe(frame: Frame) -> Observation:
     rho = np.divide(np.float32(1), depth, out=np.zeros_like(depth),
                     where=np.isfinite(depth) & (depth > _NEAREST_M))
     labels, index = _compact(frame.instance_id, gray.shape)
-    return Observation(frame, gray, rho, labels, index)
+    return Observation(frame, gray, rho, labels, index, frame.instance_id)
 
 
 def _compact(instance_id: Array | None, shape: tuple[int, ...]) -> tuple[Array, Array]:

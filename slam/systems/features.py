@@ -78,7 +78,7 @@ class FeatureTracker:
     def found_on(self, current: Observation, detected: Detected) -> bool:
         """Whether a frame has corners with depth on it, enough to track from."""
         wanted = self.config.start.min_points
-        uv, _ = detect_points(detected.corners, 10 * wanted, current.frame.instance_id)
+        uv, _ = detect_points(detected.corners, 10 * wanted, current.instance_id)
         return int(np.count_nonzero(depth_at(current.frame.depth_m, uv))) >= wanted
 
     def finished_static_line_lengths(self) -> Array:
@@ -101,7 +101,7 @@ class FeatureTracker:
         cell_px = max(8, round(np.sqrt(current.gray.size / self.config.points.static_count)))
         self.points = _one_per_cell(self.points, cell_px)
         settings = PointConfig(static_cell_px=cell_px, object_count=self.config.points.object_count)
-        uv, _ = detect_points(corners, corners.size, current.frame.instance_id,
+        uv, _ = detect_points(corners, corners.size, current.instance_id,
                               self.points.uv_px, settings)
         depth = depth_at(current.frame.depth_m, uv)
         uv, depth = uv[depth > 0], depth[depth > 0]
@@ -136,7 +136,7 @@ class FeatureTracker:
 
 
 def _label_image(current: Observation) -> Array:
-    labels = current.frame.instance_id
+    labels = current.instance_id
     return np.zeros(current.gray.shape, np.int32) if labels is None else labels
 
 

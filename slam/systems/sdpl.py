@@ -8,8 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from slam.config import SdplConfig
+from slam.dynamics.find_again import find_again
 from slam.dynamics.masks import associate, overlaps
 from slam.dynamics.objects import ObjectTable
+from slam.dynamics.sightings import sightings
+from slam.frontend.carry import carry_missed
 from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
 from slam.frontend.observe import Observation, observe
 from slam.frontend.picture import better_flow, flow_of_masks
@@ -55,15 +58,15 @@ class SdplSlam:
         if not current.rho.any():
             return self._lost(current, detected, "no depth in this frame", clock)
         scales = self.motions.scales
-        tracked, pairs = self._track(self.previous, current, True, clock)
+        tracked, seen, pairs = self._track(self.previous, current, True, clock)
         if tracked.lost_because and self.history.has_motion:
             # A motion that goes on otherwise than expected leads the search astray.
             self.motions.scales = scales
-            tracked, pairs = self._track(self.previous, current, False, clock)
+            tracked, seen, pairs = self._track(self.previous, current, False, clock)
         if tracked.lost_because:
             self.motions.scales = scales
             return self._lost(current, detected, tracked.lost_because, clock)
-        return self._keep(current, detected, pairs, tracked, clock)
+        return self._keep(seen, detected, pairs, tracked, clock)
 
     def finish(self) -> SlamResult:
         """The whole run."""
@@ -81,22 +84,38 @@ class SdplSlam:
 
     def _take_as_reference(self, current: Observation, detected: Detected) -> None:
         """Track from this frame on, with nothing carried over but the objects' numbers."""
-        self.objects.relabel({}, [int(x) for x in current.labels[1:]], -np.inf,
-                             current.frame.stamp_s)
+        self._follow_objects(current, {}, -np.inf, self.history.T_world_camera)
         self.features.restart(current, detected)
         self.previous, self._unmatched = current, 0
 
     def _track(self, previous: Observation, current: Observation, expect: bool,
-               clock: Stopwatch) -> tuple[Tracked, dict[int, int]]:
-        """All motions, from where the last ones lead to or from standing still; mask pairs."""
+               clock: Stopwatch) -> tuple[Tracked, Observation, dict[int, int]]:
+        """All motions, from where the last ones lead to or from standing still.
+
+        Also the current frame with the masks that were missed in it, and the pairs of masks.
+        """
         flow = self._flow(previous, current, expect)
         clock.lap("flow")
         pairs = associate(overlaps(flow, previous.label_index, current.label_index),
                           previous.labels, current.labels, self.config.dynamic.min_overlap)
-        clock.lap("masks")
         expected = self._expected_motion(current.frame) if expect else np.eye(4)
+        current, carried = self._carry(previous, current, flow, pairs, se3.inverse(expected))
+        pairs |= carried
+        clock.lap("masks")
         return self.motions.track(previous, current, flow, pairs, self.features, expected,
-                                  self.objects, self.history.T_world_camera, clock), pairs
+                                  self.objects, self.history.T_world_camera, clock
+                                  ), current, pairs
+
+    def _carry(self, previous: Observation, current: Observation, flow: FlowField,
+               pairs: dict[int, int], T_b_a: Array) -> tuple[Observation, dict[int, int]]:
+        """The current frame with the masks that it misses, and what they continue."""
+        before_s, stamp_s = previous.frame.stamp_s, current.frame.stamp_s
+        states = self.objects.of_label(before_s)
+        moved = {label: T_b_a @ self.objects.predicted_relative(
+                     states[label].track, self.history.T_world_camera, stamp_s - before_s)
+                 for label in self.objects.missed(pairs, before_s, stamp_s)}
+        return carry_missed(previous, current, flow, moved, self.intrinsics,
+                            self.config.noise.inverse_depth_sigma, self.config.dynamic.min_overlap)
 
     def _flow(self, previous: Observation, current: Observation, expect: bool) -> FlowField:
         """The flow given with the frame, or our own, from the motion expected."""
@@ -128,6 +147,19 @@ class SdplSlam:
                             and not (label in states and states[label].parked)], dtype=np.int64)
         return flow_of_masks(flow, previous.label_index, unknown, previous.gray, current.gray)
 
+    def _follow_objects(self, current: Observation, pairs: dict[int, int], before_s: float,
+                        T_world_camera: Array) -> None:
+        """Tracks of the masks: those that follow from the frame before, and those found again."""
+        stamp_s = current.frame.stamp_s
+        seen = sightings(current.labels, current.label_index, current.rho, current.frame.rgb,
+                         T_world_camera, self.intrinsics)
+        new = seen.without(pairs)
+        lost = self.objects.lost(pairs.values(), before_s)
+        again = find_again(lost, new, T_world_camera, stamp_s, self.config.dynamic)
+        labels = [int(x) for x in current.labels[1:]]
+        self.objects.relabel(pairs, labels, before_s, stamp_s, again, current.carried)
+        self.objects.locate(seen, stamp_s)
+
     def _expected_motion(self, frame: Frame) -> Array:
         assert self.previous is not None
         return self.history.expected_motion(frame.stamp_s - self.previous.frame.stamp_s)
@@ -151,8 +183,8 @@ class SdplSlam:
               tracked: Tracked, clock: Stopwatch) -> FrameEstimate:
         assert self.previous is not None
         frame, before = current.frame, self.previous.frame
-        self.objects.relabel(pairs, [int(x) for x in current.labels[1:]], before.stamp_s,
-                             frame.stamp_s)
+        self._follow_objects(current, pairs, before.stamp_s,
+                             self.history.T_world_camera @ tracked.T_a_b)
         estimate = self.history.add_tracked(frame, before, tracked, self.objects,
                                             self.config.dynamic)
         clock.lap("objects")
