@@ -230,7 +230,7 @@ def _camera(motion: str, rng: np.random.Generator) -> Callable[[float], Array]:
     band = (0.08, 0.55)
     rms = {"xyz": ((0.17, 0.24, 0.14), (0.05, 0.05, 0.04), 1.0),
            "static": ((0.006, 0.008, 0.005), (0.02, 0.02, 0.015), 0.3),
-           "rpy": ((0.02, 0.03, 0.02), (0.0, 0.62, 0.45), 8.0),
+           "rpy": ((0.02, 0.03, 0.02), (0.0, 0.48, 0.42), 8.0),
            "halfsphere": ((0.03, 0.03, 0.03), (0.08, 0.10, 0.08), 2.0)}[motion]
     position, target = Wander.draw(rng, rms[0], band), Wander.draw(rng, rms[1], band)
     roll = Wander.draw(rng, [np.deg2rad(rms[2])], band)
