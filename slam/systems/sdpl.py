@@ -47,22 +47,30 @@ class SdplSlam:
         clock = Stopwatch()
         current = observe(frame)
         clock.lap("observe")
-        # What this picture shows is wanted last: a second core looks for it meanwhile.
         with ThreadPoolExecutor(max_workers=1) as beside:
-            return self._process(current, beside.submit(detect, current, self.config), clock)
+            return self._process(current, beside, clock)
 
-    def _process(self, current: Observation, detected: Future[Detected],
+    def _process(self, current: Observation, beside: ThreadPoolExecutor,
                  clock: Stopwatch) -> FrameEstimate:
+        def look() -> Future[Detected]:
+            # What the picture shows is wanted last: a second core looks for it meanwhile.
+            return beside.submit(detect, current, self.config)
+
         if self.previous is None:
-            return self._begin(current, detected, clock)
+            return self._begin(current, look(), clock)
         if not current.rho.any():
-            return self._lost(current, detected, "no depth in this frame", clock)
+            return self._lost(current, look(), "no depth in this frame", clock)
+        flow = self._flow(self.previous, current, True, clock)
+        # Not before: dense flow comes out otherwise where it has to share OpenCV's threads.
+        detected = look()
         scales = self.motions.scales
-        tracked, seen, pairs = self._track(self.previous, current, True, clock)
+        tracked, seen, pairs = self._track(self.previous, current, flow, True, clock)
         if tracked.lost_because and self.history.has_motion:
             # A motion that goes on otherwise than expected leads the search astray.
             self.motions.scales = scales
-            tracked, seen, pairs = self._track(self.previous, current, False, clock)
+            detected.result()
+            flow = self._flow(self.previous, current, False, clock)
+            tracked, seen, pairs = self._track(self.previous, current, flow, False, clock)
         if tracked.lost_because:
             self.motions.scales = scales
             return self._lost(current, detected, tracked.lost_because, clock)
@@ -88,14 +96,12 @@ class SdplSlam:
         self.features.restart(current, detected)
         self.previous, self._unmatched = current, 0
 
-    def _track(self, previous: Observation, current: Observation, expect: bool,
+    def _track(self, previous: Observation, current: Observation, flow: FlowField, expect: bool,
                clock: Stopwatch) -> tuple[Tracked, Observation, dict[int, int]]:
         """All motions, from where the last ones lead to or from standing still.
 
         Also the current frame with the masks that were missed in it, and the pairs of masks.
         """
-        flow = self._flow(previous, current, expect)
-        clock.lap("flow")
         pairs = associate(overlaps(flow, previous.label_index, current.label_index),
                           previous.labels, current.labels, self.config.dynamic.min_overlap)
         expected = self._expected_motion(current.frame) if expect else np.eye(4)
@@ -117,18 +123,22 @@ class SdplSlam:
         return carry_missed(previous, current, flow, moved, self.intrinsics,
                             self.config.noise.inverse_depth_sigma, self.config.dynamic.min_overlap)
 
-    def _flow(self, previous: Observation, current: Observation, expect: bool) -> FlowField:
+    def _flow(self, previous: Observation, current: Observation, expect: bool,
+              clock: Stopwatch) -> FlowField:
         """The flow given with the frame, or our own, from the motion expected."""
         frame = current.frame
         if frame.flow is not None and frame.index == previous.frame.index + 1:
-            return frame.flow
-        if not (self.config.flow.predict and expect):
-            return self.flow_estimator(previous.gray, current.gray)
-        expected = self._expected_flow(previous, current)
-        flow = self.flow_estimator(previous.gray, current.gray, expected)
-        return replace(flow, flow_px=better_flow(
-            flow.flow_px, expected, previous.label_index, np.arange(1, len(previous.labels)),
-            previous.gray, current.gray))
+            flow = frame.flow
+        elif self.config.flow.predict and expect:
+            expected = self._expected_flow(previous, current)
+            found = self.flow_estimator(previous.gray, current.gray, expected)
+            flow = replace(found, flow_px=better_flow(
+                found.flow_px, expected, previous.label_index, np.arange(1, len(previous.labels)),
+                previous.gray, current.gray))
+        else:
+            flow = self.flow_estimator(previous.gray, current.gray)
+        clock.lap("flow")
+        return flow
 
     def _expected_flow(self, previous: Observation, current: Observation) -> Array:
         """(H, W, 2) float32: what the motions so far lead to, and the pictures of new things."""
