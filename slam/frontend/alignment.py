@@ -22,8 +22,6 @@ from slam.geometry.arrays import Array
 _STIFF = 1e8          # (grey/px)²: in such a direction nothing moves
 _FLOOR = 1e-3         # (grey/px)²: keeps flat patches solvable
 _WORTH_A_THREAD = 64  # patches
-# Sums may be taken in any order (as vectors), but what is not finite stays so.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
 class Steps(NamedTuple):
@@ -77,7 +75,7 @@ def align_patches(previous: Array, current: Array, uv_previous: Array, start: Ar
     return out
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _align(first, last, previous, current, uv_previous, A, surface,  # type: ignore[no-untyped-def]
            direction, window, steps, out):
     side = 2 * steps.radius + 1
@@ -100,7 +98,7 @@ def _align(first, last, previous, current, uv_previous, A, surface,  # type: ign
                  out)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _weigh(surface, uv, window, radius, weights):  # type: ignore[no-untyped-def]
     """The window on the centre's surface, made to sum to 1; the share of it that is there."""
     if surface.size == 0:
@@ -120,7 +118,7 @@ def _weigh(surface, uv, window, radius, weights):  # type: ignore[no-untyped-def
     return float(share)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _warp(basis, A, radius):  # type: ignore[no-untyped-def]
     """Turn gradient and template into what the current image shows under A, to first order."""
     det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
@@ -136,7 +134,7 @@ def _warp(basis, A, radius):  # type: ignore[no-untyped-def]
             basis[0, p], basis[1, p] = a * gu + c * gv, b * gu + d * gv
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _prepare(basis, taps, weights, edges, steps, normal, spread):  # type: ignore[no-untyped-def]
     """Make the filters of a template; its energy Σ w T².
 
@@ -147,11 +145,9 @@ def _prepare(basis, taps, weights, edges, steps, normal, spread):  # type: ignor
         _take_mean_off(basis[k], weights)
         if steps.without_ramps:
             _take_ramps_off(basis[k], weights, steps.radius)
-    energy = np.float32(0.0)
     for p in range(len(weights)):
         taps[2, p] = weights[p] * basis[2, p]
-        energy += taps[2, p] * basis[2, p]
-    energy = max(energy, np.float32(1e-6))
+    energy = max(_dot(taps[2], basis[2]), np.float32(1e-6))
     for k in range(2):
         share = _dot(taps[2], basis[k]) / energy
         for p in range(len(weights)):
@@ -168,7 +164,7 @@ def _prepare(basis, taps, weights, edges, steps, normal, spread):  # type: ignor
     return float(energy)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _constrain(taps, normal, spread, direction):  # type: ignore[no-untyped-def]
     """Let steps go along a unit direction only."""
     u, v = np.float32(direction[0]), np.float32(direction[1])
@@ -183,7 +179,7 @@ def _constrain(taps, normal, spread, direction):  # type: ignore[no-untyped-def]
     spread[0], spread[1], spread[2] = x * x * inside, x * y * inside, y * y * inside
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _iterate(current, n, template, taps, weights, edges, normal,  # type: ignore[no-untyped-def]
              energy, patch, room, steps, out):
     start_u, start_v = out.uv[n, 0], out.uv[n, 1]
@@ -222,19 +218,17 @@ def _iterate(current, n, template, taps, weights, edges, normal,  # type: ignore
             return
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _difference(patch, gain, template, weights, edges):  # type: ignore[no-untyped-def]
     """Mean square of patch minus scaled template: over the window, and on its gradients.
 
     Noise is everywhere; shadows, aliased edges and other surfaces differ just where edges are,
-    where it hurts.
+    where it hurts. The patch is used up: it holds the squares.
     """
-    every, on_edges = np.float32(0.0), np.float32(0.0)
     for p in range(len(patch)):
         gap = patch[p] - gain * template[p]
-        every += weights[p] * gap * gap
-        on_edges += edges[p] * gap * gap
-    return float(every), float(on_edges)
+        patch[p] = gap * gap
+    return float(_dot(weights, patch)), float(_dot(edges, patch))
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -244,22 +238,36 @@ def _solve(uu, uv, vv, right_u, right_v):  # type: ignore[no-untyped-def]
             (uu * right_v - uv * right_u) / determinant)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _dot(a, b):  # type: ignore[no-untyped-def]
-    total = np.float32(0.0)
-    for p in range(len(a)):
-        total += a[p] * b[p]
-    return total
+    """Dot product in eight lanes that are added in one order, whatever a compiler makes of it.
+
+    A compiler allowed to choose the order chooses another one when code comes from its cache.
+    """
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = np.float32(0.0)
+    whole = len(a) // 8 * 8
+    for p in range(0, whole, 8):
+        s0 += a[p] * b[p]
+        s1 += a[p + 1] * b[p + 1]
+        s2 += a[p + 2] * b[p + 2]
+        s3 += a[p + 3] * b[p + 3]
+        s4 += a[p + 4] * b[p + 4]
+        s5 += a[p + 5] * b[p + 5]
+        s6 += a[p + 6] * b[p + 6]
+        s7 += a[p + 7] * b[p + 7]
+    for p in range(whole, len(a)):
+        s0 += a[p] * b[p]
+    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _take_mean_off(values, weights):  # type: ignore[no-untyped-def]
     mean = _dot(weights, values)
     for p in range(len(values)):
         values[p] -= mean
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True)
 def _take_ramps_off(values, weights, radius):  # type: ignore[no-untyped-def]
     """Take off what is linear in u, then in v.
 

@@ -25,7 +25,7 @@ def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
     depth = cv2.medianBlur(np.where(known, depth_m, 1e-3).astype(np.float32), 5)
     image = np.log(depth / (1.0 + depth / _NOISY_FROM_M))
     if instance_id is not None:
-        image += 16.0 * instance_id
+        image += np.float32(16.0) * instance_id.astype(np.float32)
     box = np.ones((3, 3), np.uint8)
     image[cv2.dilate(image, box) - cv2.erode(image, box) > SAME_SURFACE] = np.nan
     return image
