@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
-from scipy import ndimage
 
 from simbench.types import FrameTruth
 from slam.geometry import se3
@@ -13,88 +13,52 @@ from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
 
-class PartMotion(NamedTuple):
-    """One part that is seen in a frame and moves until another."""
+class PartMotions(NamedTuple):
+    """How the parts move between two frames: M motions, of which number 0 is none."""
 
-    part: int
-    rows: slice       # the rectangle of pixels that holds it
-    columns: slice
-    H_world: Array    # (4, 4): p_j = H p_i
+    number: Array     # (P + 1,) of each part's motion; the last, part −1, is the sky's: none
+    H_world: Array    # (M, 4, 4): p_j = H p_i
 
 
-def part_motions(truth_i: FrameTruth, truth_j: FrameTruth) -> list[PartMotion]:
-    """The parts seen in frame i that do not stay where they are until frame j."""
-    moved = np.any(truth_i.T_world_part != truth_j.T_world_part, axis=(-2, -1))
-    windows = ndimage.find_objects(truth_i.part_id + 1, max_label=len(moved))
-    motions = []
-    for part in np.flatnonzero(moved).tolist():
-        if windows[part] is not None:
-            rows, columns = windows[part]
-            H_world = truth_j.T_world_part[part] @ se3.inverse(truth_i.T_world_part[part])
-            motions.append(PartMotion(part, rows, columns, H_world))
-    return motions
+def part_motions(truth_i: FrameTruth, truth_j: FrameTruth) -> PartMotions:
+    """The motions of all parts from frame i to frame j."""
+    moved = np.flatnonzero(np.any(truth_i.T_world_part != truth_j.T_world_part, axis=(-2, -1)))
+    number = np.zeros(len(truth_i.T_world_part) + 1, np.int32)
+    number[moved] = 1 + np.arange(len(moved))
+    H_world = truth_j.T_world_part[moved] @ se3.inverse(truth_i.T_world_part[moved])
+    return PartMotions(number, np.concatenate([np.eye(4)[None], H_world]))
 
 
-class Projection:
-    """Projects the surface points of frame i, moved to the time of j, in camera j (float64).
+def into_camera(truth_i: FrameTruth, truth_j: FrameTruth, motions: PartMotions,
+                intrinsics: Intrinsics) -> tuple[Array, Array]:
+    """A (M, 3, 3), b (M, 3): with p = (u, v, 1), z_j p_j = z_i A p_i + b for each motion.
 
-    With p = (u, v, 1): z_j (u_j, v_j, 1) = z_i K R K⁻¹ p + K t. The factor K R K⁻¹ p is a sum of
-    one row and one column, so that no pixel's ray is ever formed.
+    A = K R K⁻¹ and b = K t of the camera's and the part's motion together.
     """
-
-    def __init__(self, truth_i: FrameTruth, truth_j: FrameTruth, motions: list[PartMotion],
-                 intrinsics: Intrinsics) -> None:
-        self._truth = truth_i
-        self._motions = motions
-        K = intrinsics.matrix
-        inverse_K = np.linalg.inv(K)
-        T_camera_j_world = se3.inverse(truth_j.T_world_camera)
-        H_world = np.stack([np.eye(4), *(each.H_world for each in motions)])
-        T_j_i = T_camera_j_world @ H_world @ truth_i.T_world_camera
-        self._A, self._b = K @ T_j_i[:, :3, :3] @ inverse_K, T_j_i[:, :3, 3] @ K.T
-
-    def rows(self, rows: slice) -> Array:
-        """(3, h, W): u px, v px and z m in camera j of some rows' points.
-
-        Where z is not positive, or nothing is seen, u and v mean nothing.
-        """
-        part = self._truth.part_id
-        out = self._project(0, rows, slice(0, part.shape[1]))
-        for number, motion in enumerate(self._motions, start=1):
-            common = slice(max(rows.start, motion.rows.start), min(rows.stop, motion.rows.stop))
-            if common.start < common.stop:
-                moved = self._project(number, common, motion.columns)
-                target = out[:, common.start - rows.start:common.stop - rows.start, motion.columns]
-                np.copyto(target, moved, where=part[common, motion.columns] == motion.part)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            out[:2] /= out[2]
-        return out
-
-    def _project(self, number: int, rows: slice, columns: slice) -> Array:
-        A, b = self._A[number], self._b[number]
-        v = np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
-        u = np.arange(columns.start, columns.stop, dtype=np.float64)
-        depth = self._truth.depth_m[rows, columns].astype(np.float64)
-        out = np.empty((3, *depth.shape))
-        for axis in range(3):
-            np.add(A[axis, 0] * u + A[axis, 2], A[axis, 1] * v, out=out[axis])
-            out[axis] *= depth
-            out[axis] += b[axis]
-        return out
+    K = intrinsics.matrix
+    T_j_i = se3.inverse(truth_j.T_world_camera) @ motions.H_world @ truth_i.T_world_camera
+    return K @ T_j_i[:, :3, :3] @ np.linalg.inv(K), T_j_i[:, :3, 3] @ K.T
 
 
-def scene_flow(truth_i: FrameTruth, motions: list[PartMotion], intrinsics: Intrinsics) -> Array:
+def scene_flow(truth_i: FrameTruth, motions: PartMotions, intrinsics: Intrinsics) -> Array:
     """(H, W, 3) float32 motion in the world, in metres, of frame i's surface points."""
-    flow = np.zeros((*truth_i.depth_m.shape, 3), np.float32)
-    inverse_K = np.linalg.inv(intrinsics.matrix)
-    for part, rows, columns, H_world in motions:
-        # p_j − p_i = (H − 1) T_world_camera z K⁻¹ (u, v, 1)
-        change = (H_world - np.eye(4)) @ truth_i.T_world_camera
-        A, b = change[:3, :3] @ inverse_K, change[:3, 3]
-        shown = truth_i.part_id[rows, columns] == part
-        v, u = np.nonzero(shown)
-        moved = (u[:, None] + columns.start) * A[:, 0] + (v[:, None] + rows.start) * A[:, 1]
-        moved += A[:, 2]
-        moved *= truth_i.depth_m[rows, columns][shown][:, None]
-        flow[rows, columns][shown] = moved + b
+    # p_j − p_i = (H − 1) T_world_camera z K⁻¹ (u, v, 1)
+    change = (motions.H_world - np.eye(4)) @ truth_i.T_world_camera
+    A = change[:, :3, :3] @ np.linalg.inv(intrinsics.matrix)
+    return _of_moved_pixels(truth_i.depth_m, truth_i.part_id, motions.number, A,
+                            np.ascontiguousarray(change[:, :3, 3]))
+
+
+@numba.njit(cache=True)
+def _of_moved_pixels(depth: Array, part: Array, number: Array, A: Array, b: Array) -> Array:
+    """(H, W, 3) float32: z A (u, v, 1) + b of the pixels whose motion is not number 0."""
+    height, width = part.shape
+    flow = np.zeros((height, width, 3), np.float32)
+    for row in range(height):
+        for column in range(width):
+            m = number[part[row, column]]
+            if m > 0:
+                for axis in range(3):
+                    flow[row, column, axis] = b[m, axis] + depth[row, column] * (
+                        A[m, axis, 0] * column + A[m, axis, 1] * row + A[m, axis, 2])
     return flow

@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from simbench.truth.motion import PartMotion, Projection
+from simbench.truth.motion import PartMotions, into_camera
 from simbench.truth.rays import RayCaster
 from simbench.truth.surface import TOLERANCE_RELATIVE, Surface
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
 _WELL = 2e-3       # and at least this share of the distance
-_STRIP_ROWS = 32   # worked on at a time: what lies between stays in the processor's cache
 
 
 class Followed(NamedTuple):
@@ -32,33 +31,16 @@ class Followed(NamedTuple):
     hidden: Array     # (H, W) bool: and behind something there
 
 
-def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsics: Intrinsics,
+def follow(seen_i: Surface, seen_j: Surface, motions: PartMotions, intrinsics: Intrinsics,
            caster: RayCaster) -> Followed:
     """Follow the surface points of frame i, which move as `motions` says, to frame j."""
     part_id = seen_i.truth.part_id
-    height, width = part_id.shape
-    projection = Projection(seen_i.truth, seen_j.truth, motions, intrinsics)
-    flow = np.empty((height, width, 2), np.float32)
-    ahead, inside, hidden = (np.zeros((height, width), bool) for _ in range(3))
-    across, downward = np.arange(float(width)), np.arange(float(height))[:, None]
-    open_pixels, open_uvz = [], []
-    for start in range(0, height, _STRIP_ROWS):
-        rows = slice(start, min(start + _STRIP_ROWS, height))
-        uvz = projection.rows(rows)
-        u, v, z = uvz
-        np.logical_and(part_id[rows] >= 0, z > 0.0, out=ahead[rows])
-        if not ahead[rows].all():
-            np.copyto(uvz, -1.0, where=~ahead[rows])   # which lies outside of the image
-        flow[rows, :, 0] = u - across
-        flow[rows, :, 1] = v - downward[rows]
-        within = np.abs(u - 0.5 * (width - 1)) < 0.5 * width
-        within &= np.abs(v - 0.5 * (height - 1)) < 0.5 * height
-        inside[rows] = within
-        left_open = np.flatnonzero(within & ~_on_its_own_plane(part_id[rows], uvz, within, seen_j))
-        open_pixels.append(left_open + start * width)
-        open_uvz.append(uvz.reshape(3, -1)[:, left_open])
-    flow[~ahead] = 0.0
-    pixel, uvz = np.concatenate(open_pixels), np.concatenate(open_uvz, axis=1).T
+    flow = np.zeros((*part_id.shape, 2), np.float32)
+    ahead, inside, hidden = (np.zeros(part_id.shape, bool) for _ in range(3))
+    A, b = into_camera(seen_i.truth, seen_j.truth, motions, intrinsics)
+    pixel, uvz = _project(seen_i.truth.depth_m, part_id, motions.number, A, b,
+                          seen_j.inverse_depth, seen_j.cell_part, 1.0 + TOLERANCE_RELATIVE,
+                          flow, ahead, inside)
     covered = _well_covered(uvz, seen_j)
     asked = ~covered
     covered[asked] = caster.hides(seen_j.truth, intrinsics)(uvz[asked])
@@ -66,33 +48,49 @@ def follow(seen_i: Surface, seen_j: Surface, motions: list[PartMotion], intrinsi
     return Followed(flow, ahead, inside, hidden)
 
 
-def _on_its_own_plane(part: Array, uvz: Array, inside: Array, seen: Surface) -> Array:
-    """(h, W) bool: the four pixels around show the point's part as a plane not before the point."""
-    return _planes_seen(part, uvz, inside, seen.inverse_depth, seen.cell_part,
-                        1.0 + TOLERANCE_RELATIVE)
-
-
 @numba.njit(cache=True)
-def _planes_seen(part: Array, uvz: Array, inside: Array, inverse_depth: Array, cell_part: Array,
-                 limit: float) -> Array:
+def _project(depth: Array, part: Array, number: Array, A: Array, b: Array, inverse_depth: Array,
+             cell_part: Array, limit: float, flow: Array, ahead: Array, inside: Array
+             ) -> tuple[Array, Array]:
+    """Fill flow, ahead and inside; the pixels (N,) left open, and u, v, z (N, 3) of their points.
+
+    Not left open are points that the four pixels of j around them show as their own part's plane,
+    no nearer than `limit` times the point.
+    """
     height, width = part.shape
     last = len(inverse_depth) - 1
-    visible = np.zeros((height, width), np.bool_)
+    pixel, uvz = np.empty(height * width, np.int64), np.empty((height * width, 3))
+    count = 0
     for row in range(height):
         for column in range(width):
-            u, v = uvz[0, row, column], uvz[1, row, column]
-            if not inside[row, column] or min(u, v) < 0.0:   # outside of that there is no cell
+            if part[row, column] < 0:
                 continue
-            u0, v0 = int(u), int(v)
-            cell = v0 * width + u0
-            if cell_part[cell] != part[row, column]:
+            m = number[part[row, column]]
+            z_i = np.float64(depth[row, column])
+            z = z_i * (A[m, 2, 0] * column + A[m, 2, 1] * row + A[m, 2, 2]) + b[m, 2]
+            if not z > 0.0:
                 continue
-            corner = inverse_depth[cell]
-            inverse = (u - u0) * np.float64(inverse_depth[min(cell + 1, last)] - corner)
-            inverse += (v - v0) * np.float64(inverse_depth[min(cell + width, last)] - corner)
-            inverse += corner
-            visible[row, column] = inverse * uvz[2, row, column] <= limit
-    return visible
+            ahead[row, column] = True
+            u = (z_i * (A[m, 0, 0] * column + A[m, 0, 1] * row + A[m, 0, 2]) + b[m, 0]) / z
+            v = (z_i * (A[m, 1, 0] * column + A[m, 1, 1] * row + A[m, 1, 2]) + b[m, 1]) / z
+            flow[row, column, 0], flow[row, column, 1] = u - column, v - row
+            if not (abs(u - 0.5 * (width - 1)) < 0.5 * width
+                    and abs(v - 0.5 * (height - 1)) < 0.5 * height):
+                continue
+            inside[row, column] = True
+            if min(u, v) >= 0.0:                     # outside of that there is no cell
+                u0, v0 = int(u), int(v)
+                cell = v0 * width + u0
+                if cell_part[cell] == part[row, column]:
+                    corner = np.float64(inverse_depth[cell])
+                    inverse = corner + (u - u0) * (inverse_depth[min(cell + 1, last)] - corner)
+                    inverse += (v - v0) * (inverse_depth[min(cell + width, last)] - corner)
+                    if inverse * z <= limit:
+                        continue
+            pixel[count] = row * width + column
+            uvz[count, 0], uvz[count, 1], uvz[count, 2] = u, v, z
+            count += 1
+    return pixel[:count], uvz[:count]
 
 
 def _well_covered(uvz: Array, seen: Surface) -> Array:
