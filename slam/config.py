@@ -99,6 +99,16 @@ class DynamicConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class SmoothMotionConfig:
+    """Objects keep their velocity but for accelerations of this size (standard deviations)."""
+
+    enabled: bool = True
+    acceleration_m_s2: float = 2.0             # a car in town, a swinging box, a person
+    angular_acceleration_rad_s2: float = 2.0
+    gate_chi2: float = 16.0                    # of 6 degrees: beyond it nothing is smoothed
+
+
+@dataclass(frozen=True, slots=True)
 class SegmentsConfig:
     """Line segments: which are sought and how long they are followed."""
 
@@ -129,5 +139,6 @@ class SdplConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
     start: StartConfig = field(default_factory=StartConfig)
     dynamic: DynamicConfig = field(default_factory=DynamicConfig)
+    smooth: SmoothMotionConfig = field(default_factory=SmoothMotionConfig)
     segments: SegmentsConfig = field(default_factory=SegmentsConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)

@@ -9,6 +9,7 @@ import numpy as np
 
 from slam.config import DynamicConfig
 from slam.dynamics.sightings import MaskSightings
+from slam.dynamics.smooth_motion import BodyVelocity
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
@@ -28,6 +29,7 @@ class ObjectState:
     moved_s: float = -np.inf         # when it was last judged to move
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took
+    velocity: BodyVelocity | None = None   # all its motions up to the last one say
     mask_s: float = -np.inf          # when it last had a mask that was not carried
     place_s: float = -np.inf         # when it was last located:
     place_world: Array | None = None   # (3,) the middle of what was visible of it, m
@@ -111,7 +113,7 @@ class ObjectTable:
                     cut_off=bool(seen.cut_off[i]), colours=old + new * seen.colours[i])
 
     def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array | None,
-               over_s: float) -> bool:
+               over_s: float, velocity: BodyVelocity | None = None) -> bool:
         """Record a motion; whether the object counts as dynamic, also through a short stop.
 
         Args:
@@ -122,18 +124,18 @@ class ObjectTable:
         moved_s = stamp_s if moving else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
         still_s = stamp_s - max(state.first_s, moved_s)
-        velocity = state.velocity_m_s
+        velocity_m_s = state.velocity_m_s
         if H_world is not None and state.place_world is not None:
             place = state.place_world[None]
-            velocity = (se3.transform_points(H_world, place) - place)[0] / over_s
+            velocity_m_s = (se3.transform_points(H_world, place) - place)[0] / over_s
         self.states[track] = replace(
             state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
-            H_world=H_world, over_s=over_s, velocity_m_s=velocity)
+            H_world=H_world, over_s=over_s, velocity=velocity, velocity_m_s=velocity_m_s)
         return dynamic
 
     def forget_motion(self, track: int) -> None:
         """The object's motion could not be told: nothing is predicted from an older one."""
-        self.states[track] = replace(self.states[track], H_world=None)
+        self.states[track] = replace(self.states[track], H_world=None, velocity=None)
 
     def predicted_relative(self, track: int, T_world_previous: Array, dt_s: float) -> Array:
         """(4, 4) motion expected of an object against the static world, in the previous camera."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from slam.config import DynamicConfig
+from slam.config import SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
+from slam.dynamics.smooth_motion import MeasuredMotion, keep_moving
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.systems.motion_stage import ObjectMotion, Tracked
@@ -61,7 +63,7 @@ class History:
                                       status=Status.LOST, reason=reason, timings_ms=timings))
 
     def add_tracked(self, frame: Frame, before: Frame, tracked: Tracked, objects: ObjectTable,
-                    config: DynamicConfig) -> FrameEstimate:
+                    config: SdplConfig) -> FrameEstimate:
         """Record a frame's motions; `before` is the frame they start from."""
         dt_s = max(frame.stamp_s - before.stamp_s, 1e-6)
         T_world_a = self.T_world_camera
@@ -74,10 +76,17 @@ class History:
             estimate = _object_estimate(found, T_world_a)
             state = objects.states[track]
             is_moving = moves(found.relative, tracked.information, found.information,
-                              found.points_a, dt_s, config, np.isfinite(state.moved_s))
-            trusted = found.rigidity >= config.trusted_rigidity
+                              found.points_a, dt_s, config.dynamic, np.isfinite(state.moved_s))
+            velocity = None
+            if config.smooth.enabled and frame.stamp_s - before.stamp_s > _SHORTEST_S:
+                seen = T_world_a @ se3.inverse(found.relative) @ tracked.T_a_b
+                velocity = keep_moving(state.velocity, MeasuredMotion(
+                    estimate.H_world, seen, found.information, before.stamp_s, frame.stamp_s),
+                    estimate.centroid_world, config.smooth)
+                estimate = replace(estimate, H_world=velocity.motion(dt_s))
+            trusted = found.rigidity >= config.dynamic.trusted_rigidity
             if objects.judged(track, is_moving, frame.stamp_s,
-                              estimate.H_world if trusted else None, dt_s):
+                              estimate.H_world if trusted else None, dt_s, velocity):
                 moving[track] = estimate
             else:
                 still.append(found.label)

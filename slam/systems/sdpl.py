@@ -195,8 +195,7 @@ class SdplSlam:
         frame, before = current.frame, self.previous.frame
         self._follow_objects(current, pairs, before.stamp_s,
                              self.history.T_world_camera @ tracked.T_a_b)
-        estimate = self.history.add_tracked(frame, before, tracked, self.objects,
-                                            self.config.dynamic)
+        estimate = self.history.add_tracked(frame, before, tracked, self.objects, self.config)
         clock.lap("objects")
         self.features.advance(current, detected.result(), tracked)
         clock.lap("detect")
