@@ -23,11 +23,14 @@ class SequenceTruth(Protocol):
         """Parts, objects and edges; None for real recordings."""
     @property
     def has_images(self) -> bool:
-        """Whether `frame`, `flow` and `edges` are there (else they raise UserError)."""
+        """Whether `frame`, `flow`, `edges`, `part_boxes` are there (else they raise UserError)."""
 
     def frame(self, k: int) -> FrameTruth: ...
     def flow(self, i: int, j: int) -> FlowTruth: ...
     def edges(self, k: int) -> VisibleEdges: ...
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part's surface in the part's frame; NaN
+        where nothing of it is drawn."""
     def true_instances(self, k: int) -> Array | None:
         """(H, W) int32 true object id per pixel, or None where it is not known."""
 

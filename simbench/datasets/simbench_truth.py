@@ -69,6 +69,11 @@ class StoredTruth:
         from simbench.truth import visible_edges  # noqa: PLC0415 (needs MuJoCo; poses do not)
         return visible_edges(self.frame(k), self.layout, self._caster)
 
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part in its own frame, NaN if unseen."""
+        from simbench.extents import part_boxes  # noqa: PLC0415 (needs MuJoCo; poses do not)
+        return part_boxes(self._model)
+
     def true_instances(self, k: int) -> Array:
         """(H, W) int32 true object id per pixel; 0 = background."""
         return self.frame(k).instance_id
@@ -106,9 +111,14 @@ class StoredTruth:
 
     @cached_property
     def _caster(self) -> Any:
-        """Casts rays in the scene that the manifest names. Raises UserError if it cannot be."""
+        """Casts rays in the scene."""
         from simbench.truth import RayCaster  # noqa: PLC0415 (needs MuJoCo; poses do not)
-        from simbench.world import make_world  # noqa: PLC0415
+        return RayCaster(self._model)
+
+    @cached_property
+    def _model(self) -> Any:
+        """The scene that the manifest names, built again. Raises UserError if it cannot be."""
+        from simbench.world import make_world  # noqa: PLC0415 (needs MuJoCo; poses do not)
         wanted = self._manifest
         width, height = wanted["size"]
         world = make_world(wanted["scene"], wanted["seed"], wanted["dials"], (width, height),
@@ -116,7 +126,7 @@ class StoredTruth:
         if len(world.layout.instance_of_part) != len(self.layout.instance_of_part):
             raise BadFile(f"{self._folder}: scene {wanted['scene']} has other parts than when the "
                           "sequence was generated; generate it again")
-        return RayCaster(world.model)
+        return world.model
 
     def _fixed(self, name: str) -> Array:
         # zarr takes a chunk that is not there for one of zeros.

@@ -52,7 +52,7 @@ def test_verify_passes_and_fails(generated, tmp_path, capsys):
     assert "rgb/2.png" in captured.out
 
 
-@pytest.mark.parametrize("layout", ["vdo", "tum"])
+@pytest.mark.parametrize("layout", ["vdo", "tum", "kitti"])
 def test_export_writes_what_verify_accepts(generated, tmp_path, layout, capsys):
     out = str(tmp_path / layout)
     assert main(["export", str(generated), "--format", layout, "--out", out]) == 0
