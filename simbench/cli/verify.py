@@ -16,10 +16,11 @@ _SHOWN = 20   # problems listed; the count tells of the rest
 def verify_command(
         folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
         calibration: Calibration = None) -> None:
-    """Check every hash and invariant of a sequence."""
+    """Check every hash and invariant of a sequence, and whether it would be drawn the same here."""
     from simbench.cli.progress import frame_progress
+    from simbench.datasets.simbench_folder import SimbenchFolder
     from simbench.sequence import open_sequence
-    from simbench.verify import check_sequence
+    from simbench.verify import check_sequence, drawn_here
 
     sequence = open_sequence(folder, calibration)
     with frame_progress("verify", len(sequence)) as advance:
@@ -30,3 +31,12 @@ def verify_command(
         raise UserError(f"{folder}: {len(problems)} problem{'s' * (len(problems) > 1)}, the first: "
                         f"{problems[0]}; restore the files or generate the sequence again")
     typer.echo(f"{folder}: {len(sequence)} frames, all good")
+    if isinstance(sequence, SimbenchFolder):
+        try:
+            others = drawn_here(sequence)
+        except UserError as error:
+            others = [f"its scene cannot be built here: {error}"]
+        for other in others:
+            typer.echo(f"certificate: {other}")
+        typer.echo("certificate: drawn here, its bytes could be others" if others else
+                   "certificate: drawn here, it has the same bytes (last frame tried)")

@@ -78,6 +78,11 @@ class StoredTruth:
         """(H, W) int32 true object id per pixel; 0 = background."""
         return self.frame(k).instance_id
 
+    @property
+    def poses(self) -> tuple[Array, Array]:
+        """Of the camera (K, 4, 4) and of all parts (K, P, 4, 4), in the world."""
+        return self._T_world_camera, self._T_world_part
+
     def states(self) -> Array:
         """(K, S) what `World.restore` takes to show each frame again."""
         return self._fixed("state")

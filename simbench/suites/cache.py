@@ -9,9 +9,11 @@ import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from simbench.certificate import motion_sha256, poses_of
 from simbench.errors import UserError
 from simbench.generate import GenerateSettings, generate, identity_of
 
@@ -81,9 +83,13 @@ class SequenceCache:
         return folder
 
 
+@lru_cache(maxsize=256)
 def key_of(settings: GenerateSettings) -> str:
-    """SHA-256 of all that decides a sequence's bytes."""
-    return hashlib.sha256(json.dumps(identity_of(settings), sort_keys=True).encode()).hexdigest()
+    """SHA-256 of all that decides a sequence's bytes, the scene's shapes and motion among it."""
+    world = settings.make_world()
+    identity = identity_of(settings, world) | {
+        "motion_sha256": motion_sha256(*poses_of(world, settings.frames))}
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @contextmanager

@@ -42,7 +42,9 @@ def test_generate_tells_its_speed_and_resume_what_was_there(generated, capsys):
 
 def test_verify_passes_and_fails(generated, tmp_path, capsys):
     assert main(["verify", str(generated)]) == 0
-    assert "3 frames, all good" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "3 frames, all good" in out
+    assert "drawn here, it has the same bytes" in out
     folder = tum_folder(tmp_path / "tum")
     (folder / "rgb/2.png").unlink()
     assert main(["verify", str(folder)]) == 2
