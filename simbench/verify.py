@@ -11,6 +11,7 @@ from simbench import certificate, storage
 from simbench.datasets.simbench_folder import SimbenchFolder
 from simbench.errors import BadFrame, UserError
 from simbench.render import make_renderer
+from simbench.scene import known_scene
 from simbench.sequence import Sequence
 from simbench.trajectory_files import read_tum_trajectory
 from simbench.types import Trajectories
@@ -63,8 +64,8 @@ def drawn_here(sequence: SimbenchFolder) -> list[str]:
     """
     wanted, truth = sequence.manifest, sequence.truth
     width, height = wanted["size"]
-    world = make_world(wanted["scene"], wanted["seed"], wanted["dials"], (width, height),
-                       wanted["fps"])
+    world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
+                       (width, height), wanted["fps"])
     found = certificate.differences(wanted, world)
     last = len(sequence) - 1
     world.restore(truth.states()[last])

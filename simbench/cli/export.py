@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simbench.cli.options import Calibration
+from simbench.cli.options import Calibration, TrustedScene, trust_scene
 from simbench.errors import UserError
 
 
@@ -15,13 +15,14 @@ def export_command(
         folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
         layout: Annotated[str, typer.Option("--format", help="vdo, kitti, tum or rosbag2.")],
         out: Annotated[Path, typer.Option("--out", metavar="DIR2", help="Folder to write.")],
-        calibration: Calibration = None) -> None:
+        calibration: Calibration = None, scene: TrustedScene = None) -> None:
     """Write a sequence in a layout that other programs read."""
     from simbench.cli.progress import frame_progress
     from simbench.export import export_whole, find_exporter
     from simbench.sequence import open_sequence
 
     find_exporter(layout)      # a wrong name shows before the sequence is read
+    trust_scene(scene)
     sequence = open_sequence(folder, calibration)
     if out.resolve().is_relative_to(folder.resolve()):
         raise UserError(f"--out {out}: lies within {folder}, whose files would no longer be those "

@@ -19,8 +19,10 @@ from simbench.cli.options import (
     Size,
     Texture,
     TimeLimit,
+    TrustedScene,
     collect_dials,
     parse_size,
+    trust_scene,
 )
 from simbench.errors import UnknownName, UserError
 
@@ -69,13 +71,14 @@ def run_command(
             "--set", metavar="STAGE.FIELD=VALUE",
             help="A setting of the system; may be given several times.")] = None,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
-) -> None:
+        scene: TrustedScene = None) -> None:
     """Run a system and score it against the truth."""
     from simbench.cli.progress import frame_progress
     from simbench.inputs import Feed, InputChoice
     from simbench.program import PREFIX, Limits
     from simbench.run_to_folder import captured_log, run_to_folder
 
+    trust_scene(scene)
     dials = collect_dials(dial, texture, rigidity)
     if system.startswith(PREFIX):
         not_ours = {"--flow": flow, "--masks": masks, "--boxes": boxes, "--depth": depth,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simbench.cli.options import Calibration
+from simbench.cli.options import Calibration, TrustedScene, trust_scene
 from simbench.errors import UserError
 
 _SHOWN = 20   # problems listed; the count tells of the rest
@@ -15,13 +15,14 @@ _SHOWN = 20   # problems listed; the count tells of the rest
 
 def verify_command(
         folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
-        calibration: Calibration = None) -> None:
+        calibration: Calibration = None, scene: TrustedScene = None) -> None:
     """Check every hash and invariant of a sequence, and whether it would be drawn the same here."""
     from simbench.cli.progress import frame_progress
     from simbench.datasets.simbench_folder import SimbenchFolder
     from simbench.sequence import open_sequence
     from simbench.verify import check_sequence, drawn_here
 
+    trust_scene(scene)
     sequence = open_sequence(folder, calibration)
     with frame_progress("verify", len(sequence)) as advance:
         problems = check_sequence(folder, sequence, advance)

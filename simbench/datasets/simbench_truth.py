@@ -123,11 +123,12 @@ class StoredTruth:
     @cached_property
     def _model(self) -> Any:
         """The scene that the manifest names, built again. Raises UserError if it cannot be."""
-        from simbench.world import make_world  # noqa: PLC0415 (needs MuJoCo; poses do not)
+        from simbench.scene import known_scene  # noqa: PLC0415 (needs MuJoCo; poses do not)
+        from simbench.world import make_world  # noqa: PLC0415
         wanted = self._manifest
         width, height = wanted["size"]
-        world = make_world(wanted["scene"], wanted["seed"], wanted["dials"], (width, height),
-                           wanted["fps"])
+        world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
+                           (width, height), wanted["fps"])
         if len(world.layout.instance_of_part) != len(self.layout.instance_of_part):
             raise BadFile(f"{self._folder}: scene {wanted['scene']} has other parts than when the "
                           "sequence was generated; generate it again")
