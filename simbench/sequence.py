@@ -69,7 +69,7 @@ _KINDS = ("our own (sequence.json), TUM RGB-D (rgb.txt, depth.txt), KITTI odomet
           "image_0 or image_2) or VDO (times.txt, image_0, and semantic/ or settings.yaml)")
 
 
-# Imported when a folder asks for them: readers build on this module.
+# Imported when a folder asks for them: readers build on this module, storage on zarr.
 _READERS = {"simbench": ("simbench_folder", "SimbenchFolder"), "vdo": ("vdo", "VdoFolder"),
             "kitti": ("kitti", "KittiOdometryFolder"), "tum": ("tum", "TumFolder")}
 
@@ -96,12 +96,13 @@ def open_sequence(path: str | Path, calibration: str | Path | None = None) -> Se
     """Open a folder as a sequence; its kind is recognised by its files.
 
     Args:
-        path: our own sequence, a TUM RGB-D, a KITTI odometry or a VDO-layout folder.
+        path: our own sequence, a TUM RGB-D, a KITTI odometry or a VDO-layout folder, or the URL
+            of one in object storage (`s3://…`; needs fsspec), which is fetched into a cache.
         calibration: a calibration.yaml that stands in for (or overrides) the folder's own.
     Raises:
         BadFile: no such folder, an unknown layout, no calibration, or a malformed file.
     """
-    folder = Path(path)
+    folder = import_module("simbench.remote").local_folder(path)
     if not folder.is_dir():
         what = "is a file, not a folder" if folder.exists() else "no such folder"
         raise BadFile(f"{folder}: {what}; give the folder of a sequence")

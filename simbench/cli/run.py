@@ -162,10 +162,11 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
     """A program reads a folder; a scene is rendered into RUN/sequence first."""
     from simbench import run_folder
     from simbench.program import run_program, words_of
+    from simbench.remote import local_folder
     from simbench.sequence import open_sequence
 
     words_of(system)   # wrong words show before a scene is rendered for them
-    folder = Path(source)
+    folder = local_folder(source)
     if not (folder.exists() or _looks_like_a_path(source)):
         from simbench.cli.progress import frame_progress
         from simbench.generate import GenerateSettings, generate
@@ -195,4 +196,4 @@ def _check_scene(source: str) -> None:
 
 
 def _looks_like_a_path(source: str) -> bool:
-    return ":" not in source and ("/" in source or source.startswith("."))
+    return "://" in source or (":" not in source and ("/" in source or source.startswith(".")))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def view_command(
-        folder: Annotated[Path, typer.Argument(
+        place: Annotated[str, typer.Argument(
             metavar="DIR_OR_RUN", help="The folder of a sequence or of a run.")],
         contact_sheet: Annotated[Path | None, typer.Option(
             "--contact-sheet", metavar="FILE.png",
@@ -33,12 +33,14 @@ def view_command(
         calibration: Calibration = None, scene: TrustedScene = None) -> None:
     """Look at a sequence or run in Rerun, or as a PNG or MP4."""
     from simbench.cli.progress import frame_progress
+    from simbench.remote import local_folder
     from simbench.sequence import open_sequence
     from simbench.view.recording import record_run, record_sequence
     from simbench.view.sheet import write_contact_sheet
     from simbench.view.video import write_video
 
     trust_scene(scene)
+    folder = local_folder(place)
     if (folder / "metrics.json").exists():
         for option, path in (("--contact-sheet", contact_sheet), ("--mp4", mp4)):
             if path is not None:
