@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import metadata
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from simbench import storage
+from simbench.certificate import certificate, motion_sha256, origin
 from simbench.errors import UserError
 from simbench.render import Renderer, make_renderer
-from simbench.render.gl import gl_renderer_name
 from simbench.scene import find_scene
 from simbench.sensors.depth import apply_depth_noise
 from simbench.sensors.rgb import apply_rgb_noise
@@ -30,7 +28,6 @@ from simbench.world import World, make_world
 from slam.geometry.arrays import Array
 
 _FRAMES_A_TASK = 4
-_RECORDED_VERSIONS = ("mujoco", "numpy", "opencv-contrib-python-headless", "zarr")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +94,7 @@ def generate(settings: GenerateSettings, out: Path, *, workers: int = 1, resume:
         OSError: the disk is full or the folder cannot be written.
     """
     world = settings.make_world()   # wrong values show before anything is written
-    identity = identity_of(settings)
+    identity = identity_of(settings, world)
     if _claim(out, identity, resume):
         for _ in range(settings.frames):
             on_frame()
@@ -119,9 +116,10 @@ def generate(settings: GenerateSettings, out: Path, *, workers: int = 1, resume:
         studio.renderer.close()
     objects = [{"instance_id": o.instance_id, "name": o.name, "root_part": o.root_part,
                 "rigid": o.rigid, "category": o.category} for o in world.layout.objects]
+    files = storage.file_hashes(out)
     storage.write_json(out / storage.MANIFEST, {
-        **identity, "depth_scale": target.depth_scale, "objects": objects,
-        "files": storage.file_hashes(out)})
+        **identity, "motion_sha256": target.motion_sha256, "depth_scale": target.depth_scale,
+        "objects": objects, "certificate": certificate(files), "files": files})
     (out / storage.UNFINISHED).unlink()
     return len(missing)
 
@@ -133,6 +131,7 @@ class _Target:
     out: Path
     depth_scale: float
     baseline_m: float | None
+    motion_sha256: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,15 +157,9 @@ class _Studio:
         return self.sequence.rgb(k)
 
 
-def identity_of(settings: GenerateSettings) -> dict[str, Any]:
-    """All that decides the bytes of a sequence, as sequence.json holds it."""
-    return {"schema": storage.SCHEMA, **settings.as_json(), "versions": _versions(),
-            "gl_renderer": gl_renderer_name()}
-
-
-def _versions() -> dict[str, str]:
-    return {"python": platform.python_version(),
-            **{name: metadata.version(name) for name in _RECORDED_VERSIONS}}
+def identity_of(settings: GenerateSettings, world: World) -> dict[str, Any]:
+    """All that decides the bytes of a sequence but its motion, as sequence.json holds it."""
+    return {"schema": storage.SCHEMA, **settings.as_json(), **origin(world, settings.sensor)}
 
 
 def _claim(out: Path, identity: dict[str, Any], resume: bool) -> bool:
@@ -209,7 +202,7 @@ def _write_fixed(out: Path, sequence: SimulatedSequence,
                               np.stack(states))
     storage.write_calibration(out, sequence.intrinsics, scale, baseline_m)
     storage.write_lists(out, sequence.stamps_s, T_world_camera)
-    return _Target(out, scale, baseline_m)
+    return _Target(out, scale, baseline_m, motion_sha256(T_world_camera, T_world_part))
 
 
 def _write_frame(studio: _Studio, target: _Target, k: int) -> None:

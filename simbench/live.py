@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simbench.exposure import mean_in_linear_light
+from simbench.extents import part_boxes
 from simbench.render import Renderer
 from simbench.truth import RayCaster, flow_between, visible_edges
 from simbench.types import (
@@ -28,6 +29,7 @@ class LiveTruth:
 
     def __init__(self, world: World) -> None:
         self.layout: SceneLayout = world.layout
+        self._model = world.model
         self._caster = RayCaster(world.model)
         self._frames: list[FrameTruth] = []     # the last two
         self._flow: FlowTruth | None = None
@@ -67,6 +69,10 @@ class LiveTruth:
     def edges(self, k: int) -> VisibleEdges:
         """Visible stretches of the scene's edges."""
         return visible_edges(self.frame(k), self.layout, self._caster)
+
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part in its own frame, NaN if unseen."""
+        return part_boxes(self._model)
 
     def true_instances(self, k: int) -> Array:
         """(H, W) int32 true object id per pixel; 0 = background."""

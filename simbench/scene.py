@@ -200,6 +200,20 @@ def find_scene(name: str) -> SceneSpec:
     return _SCENES[short]
 
 
+def known_scene(name: str) -> SceneSpec:
+    """The scene of that name as a file names it, which may come from a stranger: nothing is run.
+
+    Raises:
+        UserError: it is neither built in nor loaded by the user before.
+    """
+    _load_builtin()
+    short = name.rpartition(":")[2]
+    if short not in _SCENES:
+        raise UserError(f"scene {name}: is not run because a file names it; if you trust it, give "
+                        f"--scene {name}")
+    return _SCENES[short]
+
+
 def list_scenes() -> tuple[SceneSpec, ...]:
     """All registered scenes, by name."""
     _load_builtin()

@@ -23,11 +23,14 @@ class SequenceTruth(Protocol):
         """Parts, objects and edges; None for real recordings."""
     @property
     def has_images(self) -> bool:
-        """Whether `frame`, `flow` and `edges` are there (else they raise UserError)."""
+        """Whether `frame`, `flow`, `edges`, `part_boxes` are there (else they raise UserError)."""
 
     def frame(self, k: int) -> FrameTruth: ...
     def flow(self, i: int, j: int) -> FlowTruth: ...
     def edges(self, k: int) -> VisibleEdges: ...
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part's surface in the part's frame; NaN
+        where nothing of it is drawn."""
     def true_instances(self, k: int) -> Array | None:
         """(H, W) int32 true object id per pixel, or None where it is not known."""
 
@@ -66,7 +69,7 @@ _KINDS = ("our own (sequence.json), TUM RGB-D (rgb.txt, depth.txt), KITTI odomet
           "image_0 or image_2) or VDO (times.txt, image_0, and semantic/ or settings.yaml)")
 
 
-# Imported when a folder asks for them: readers build on this module.
+# Imported when a folder asks for them: readers build on this module, storage on zarr.
 _READERS = {"simbench": ("simbench_folder", "SimbenchFolder"), "vdo": ("vdo", "VdoFolder"),
             "kitti": ("kitti", "KittiOdometryFolder"), "tum": ("tum", "TumFolder")}
 
@@ -93,12 +96,13 @@ def open_sequence(path: str | Path, calibration: str | Path | None = None) -> Se
     """Open a folder as a sequence; its kind is recognised by its files.
 
     Args:
-        path: our own sequence, a TUM RGB-D, a KITTI odometry or a VDO-layout folder.
+        path: our own sequence, a TUM RGB-D, a KITTI odometry or a VDO-layout folder, or the URL
+            of one in object storage (`s3://…`; needs fsspec), which is fetched into a cache.
         calibration: a calibration.yaml that stands in for (or overrides) the folder's own.
     Raises:
         BadFile: no such folder, an unknown layout, no calibration, or a malformed file.
     """
-    folder = Path(path)
+    folder = import_module("simbench.remote").local_folder(path)
     if not folder.is_dir():
         what = "is a file, not a folder" if folder.exists() else "no such folder"
         raise BadFile(f"{folder}: {what}; give the folder of a sequence")

@@ -15,6 +15,7 @@ import numpy as np
 from simbench.depth_range import farthest_depth
 from simbench.errors import UserError
 from simbench.exposure import mean_in_linear_light
+from simbench.extents import part_boxes
 from simbench.render import Renderer
 from simbench.sequence import IteratesFrames
 from simbench.truth import RayCaster, flow_between, visible_edges
@@ -80,6 +81,10 @@ class SimulatedTruth:
     def edges(self, k: int) -> VisibleEdges:
         """Visible stretches of the scene's edges in frame k."""
         return visible_edges(self.frame(k), self.layout, self._caster)
+
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part in its own frame, NaN if unseen."""
+        return part_boxes(self._world.model)
 
     def true_instances(self, k: int) -> Array:
         """(H, W) int32 true object id per pixel; 0 = background."""

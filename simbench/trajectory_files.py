@@ -63,11 +63,14 @@ def read_kitti_poses(path: str | Path) -> Array:
     return checked_poses(path, T)
 
 
+def kitti_lines(T: Array) -> str:
+    """KITTI rows of poses (K, 4, 4): the 12 numbers of each 3×4 matrix."""
+    return "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in T[:, :3].reshape(-1, 12))
+
+
 def write_kitti_poses(path: str | Path, T_world_camera: Array) -> None:
     """Write poses (K, 4, 4) as rows of 12 numbers."""
-    rows = T_world_camera[:, :3].reshape(len(T_world_camera), 12)
-    Path(path).write_text("".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in rows),
-                          encoding="utf-8")
+    Path(path).write_text(kitti_lines(T_world_camera), encoding="utf-8")
 
 
 def checked_poses(path: Path, T: Array) -> Array:

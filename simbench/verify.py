@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from simbench import storage
+from simbench import certificate, storage
 from simbench.datasets.simbench_folder import SimbenchFolder
 from simbench.errors import BadFrame, UserError
+from simbench.render import make_renderer
+from simbench.scene import known_scene
 from simbench.sequence import Sequence
 from simbench.trajectory_files import read_tum_trajectory
 from simbench.types import Trajectories
+from simbench.world import make_world
 from slam.geometry.arrays import Array
 from slam.types import Frame
 
@@ -31,6 +34,8 @@ def check_sequence(folder: Path, sequence: Sequence,
     ours = sequence if isinstance(sequence, SimbenchFolder) else None
     if ours is not None:
         problems += _hash_problems(folder, ours.manifest["files"])
+        problems += [f"{folder / storage.MANIFEST}: {fault}"
+                     for fault in certificate.faults(ours.manifest, *ours.truth.poses)]
     try:
         if sequence.truth is not None:
             problems += _pose_problems(sequence.truth.trajectories)
@@ -47,6 +52,30 @@ def check_sequence(folder: Path, sequence: Sequence,
             problems.append(str(error))
         on_frame()
     return problems
+
+
+def drawn_here(sequence: SimbenchFolder) -> list[str]:
+    """Why drawing the sequence here could give, or gives, other bytes; empty where it would not.
+
+    The scene is built again and its last frame drawn.
+
+    Raises:
+        UserError: the scene cannot be built here.
+    """
+    wanted, truth = sequence.manifest, sequence.truth
+    width, height = wanted["size"]
+    world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
+                       (width, height), wanted["fps"])
+    found = certificate.differences(wanted, world)
+    last = len(sequence) - 1
+    world.restore(truth.states()[last])
+    renderer = make_renderer("mujoco", world)
+    depth_m, part_id = renderer.depth_and_parts(world)
+    renderer.close()
+    stored = truth.frame(last)
+    if not (np.array_equal(depth_m, stored.depth_m) and np.array_equal(part_id, stored.part_id)):
+        found.append(f"frame {last} drawn here has other bytes")
+    return found
 
 
 def _stamp_problems(sequence: Sequence) -> list[str]:

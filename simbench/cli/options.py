@@ -32,12 +32,27 @@ Calibration = Annotated[str | None, typer.Option(
     "--calibration", metavar="FILE",
     help="calibration.yaml of a folder that has none, or instead of its own.")]
 
+TrustedScene = Annotated[str | None, typer.Option(
+    "--scene", metavar="FILE.py:NAME",
+    help="The scene of your own that the sequence was drawn from. It is never run unasked.")]
+
 TimeLimit = Annotated[float | None, typer.Option(
     "--time-limit", min=0.1, metavar="SECONDS",
     help="End a command:\"program …\" that takes longer; the run is lost.")]
 MemoryLimit = Annotated[float | None, typer.Option(
     "--memory-limit", min=1.0, metavar="MB",
     help="End a command:\"program …\" that holds more; the run is lost.")]
+
+
+def trust_scene(scene: str | None) -> None:
+    """Load a scene that the user names, so that a sequence of it may be asked for its truth.
+
+    Raises:
+        UserError: there is no such scene.
+    """
+    if scene is not None:
+        from simbench.scene import find_scene
+        find_scene(scene)
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:

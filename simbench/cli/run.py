@@ -19,8 +19,10 @@ from simbench.cli.options import (
     Size,
     Texture,
     TimeLimit,
+    TrustedScene,
     collect_dials,
     parse_size,
+    trust_scene,
 )
 from simbench.errors import UnknownName, UserError
 
@@ -69,13 +71,14 @@ def run_command(
             "--set", metavar="STAGE.FIELD=VALUE",
             help="A setting of the system; may be given several times.")] = None,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
-) -> None:
+        scene: TrustedScene = None) -> None:
     """Run a system and score it against the truth."""
     from simbench.cli.progress import frame_progress
     from simbench.inputs import Feed, InputChoice
     from simbench.program import PREFIX, Limits
     from simbench.run_to_folder import captured_log, run_to_folder
 
+    trust_scene(scene)
     dials = collect_dials(dial, texture, rigidity)
     if system.startswith(PREFIX):
         not_ours = {"--flow": flow, "--masks": masks, "--boxes": boxes, "--depth": depth,
@@ -159,10 +162,11 @@ def _run_program(system: str, source: str, calibration: str | None, out: Path,
     """A program reads a folder; a scene is rendered into RUN/sequence first."""
     from simbench import run_folder
     from simbench.program import run_program, words_of
+    from simbench.remote import local_folder
     from simbench.sequence import open_sequence
 
     words_of(system)   # wrong words show before a scene is rendered for them
-    folder = Path(source)
+    folder = local_folder(source)
     if not (folder.exists() or _looks_like_a_path(source)):
         from simbench.cli.progress import frame_progress
         from simbench.generate import GenerateSettings, generate
@@ -192,4 +196,4 @@ def _check_scene(source: str) -> None:
 
 
 def _looks_like_a_path(source: str) -> bool:
-    return ":" not in source and ("/" in source or source.startswith("."))
+    return "://" in source or (":" not in source and ("/" in source or source.startswith(".")))

@@ -11,8 +11,8 @@ from simbench.cli.options import Calibration
 
 
 def score_command(
-        truth: Annotated[Path, typer.Option(
-            "--truth", metavar="DIR", help="The folder of the sequence.")],
+        truth: Annotated[str, typer.Option(
+            "--truth", metavar="DIR", help="The folder of the sequence, or its URL.")],
         trajectory: Annotated[Path, typer.Option(
             "--trajectory", metavar="EST.txt", help="TUM rows: t tx ty tz qx qy qz qw.")],
         out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Folder to write.")],

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from simbench.cli.options import Calibration
+from simbench.cli.options import Calibration, TrustedScene, trust_scene
 from simbench.errors import UserError
 
 _SHOWN = 20   # problems listed; the count tells of the rest
 
 
 def verify_command(
-        folder: Annotated[Path, typer.Argument(metavar="DIR", help="A sequence's folder.")],
-        calibration: Calibration = None) -> None:
-    """Check every hash and invariant of a sequence."""
+        place: Annotated[str, typer.Argument(
+            metavar="DIR", help="A sequence's folder, or its URL in object storage.")],
+        calibration: Calibration = None, scene: TrustedScene = None) -> None:
+    """Check every hash and invariant of a sequence, and whether it would be drawn the same here."""
     from simbench.cli.progress import frame_progress
+    from simbench.datasets.simbench_folder import SimbenchFolder
+    from simbench.remote import local_folder
     from simbench.sequence import open_sequence
-    from simbench.verify import check_sequence
+    from simbench.verify import check_sequence, drawn_here
 
+    trust_scene(scene)
+    folder = local_folder(place)
     sequence = open_sequence(folder, calibration)
     with frame_progress("verify", len(sequence)) as advance:
         problems = check_sequence(folder, sequence, advance)
@@ -29,4 +33,13 @@ def verify_command(
     if problems:
         raise UserError(f"{folder}: {len(problems)} problem{'s' * (len(problems) > 1)}, the first: "
                         f"{problems[0]}; restore the files or generate the sequence again")
-    typer.echo(f"{folder}: {len(sequence)} frames, all good")
+    typer.echo(f"{place}: {len(sequence)} frames, all good")
+    if isinstance(sequence, SimbenchFolder):
+        try:
+            others = drawn_here(sequence)
+        except UserError as error:
+            others = [f"its scene cannot be built here: {error}"]
+        for other in others:
+            typer.echo(f"certificate: {other}")
+        typer.echo("certificate: drawn here, its bytes could be others" if others else
+                   "certificate: drawn here, it has the same bytes (last frame tried)")

@@ -40,6 +40,10 @@ class RecordedTruth:
         """Raises UserError: a recording has no 3D edges."""
         self._refuse("true 3D edges")
 
+    def part_boxes(self) -> Array:
+        """Raises UserError: nobody measured a recording's things."""
+        self._refuse("true sizes of things")
+
     def true_instances(self, k: int) -> Array | None:
         """(H, W) int32 true object ids, or None where the recording has none."""
         return self.read_instances(k)

@@ -69,9 +69,19 @@ class StoredTruth:
         from simbench.truth import visible_edges  # noqa: PLC0415 (needs MuJoCo; poses do not)
         return visible_edges(self.frame(k), self.layout, self._caster)
 
+    def part_boxes(self) -> Array:
+        """(P, 2, 3) m, lowest and highest corner of each part in its own frame, NaN if unseen."""
+        from simbench.extents import part_boxes  # noqa: PLC0415 (needs MuJoCo; poses do not)
+        return part_boxes(self._model)
+
     def true_instances(self, k: int) -> Array:
         """(H, W) int32 true object id per pixel; 0 = background."""
         return self.frame(k).instance_id
+
+    @property
+    def poses(self) -> tuple[Array, Array]:
+        """Of the camera (K, 4, 4) and of all parts (K, P, 4, 4), in the world."""
+        return self._T_world_camera, self._T_world_part
 
     def states(self) -> Array:
         """(K, S) what `World.restore` takes to show each frame again."""
@@ -106,17 +116,23 @@ class StoredTruth:
 
     @cached_property
     def _caster(self) -> Any:
-        """Casts rays in the scene that the manifest names. Raises UserError if it cannot be."""
+        """Casts rays in the scene."""
         from simbench.truth import RayCaster  # noqa: PLC0415 (needs MuJoCo; poses do not)
+        return RayCaster(self._model)
+
+    @cached_property
+    def _model(self) -> Any:
+        """The scene that the manifest names, built again. Raises UserError if it cannot be."""
+        from simbench.scene import known_scene  # noqa: PLC0415 (needs MuJoCo; poses do not)
         from simbench.world import make_world  # noqa: PLC0415
         wanted = self._manifest
         width, height = wanted["size"]
-        world = make_world(wanted["scene"], wanted["seed"], wanted["dials"], (width, height),
-                           wanted["fps"])
+        world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
+                           (width, height), wanted["fps"])
         if len(world.layout.instance_of_part) != len(self.layout.instance_of_part):
             raise BadFile(f"{self._folder}: scene {wanted['scene']} has other parts than when the "
                           "sequence was generated; generate it again")
-        return RayCaster(world.model)
+        return world.model
 
     def _fixed(self, name: str) -> Array:
         # zarr takes a chunk that is not there for one of zeros.

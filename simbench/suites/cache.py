@@ -9,11 +9,13 @@ import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
+from simbench.certificate import motion_sha256, poses_of
 from simbench.errors import UserError
 from simbench.generate import GenerateSettings, generate, identity_of
+from simbench.remote import file_system, is_url
 
 
 class SequenceCache:
@@ -28,9 +30,9 @@ class SequenceCache:
 
     def __init__(self, place: str) -> None:
         self.place = place.rstrip("/") or "/"
-        self._remote = "://" in place
+        self._remote = is_url(place)
         if self._remote:
-            _file_system(place)   # a missing package or bucket shows before a suite begins
+            file_system(place, "--cache")   # what is missing shows before a suite begins
 
     @contextmanager
     def folder_of(self, settings: GenerateSettings) -> Iterator[Path]:
@@ -59,8 +61,8 @@ class SequenceCache:
         yield folder
 
     def _fetched(self, settings: GenerateSettings, key: str, scratch: Path) -> Path:
-        files, root = _file_system(self.place)
-        there, folder, packed = f"{root.rstrip('/')}/{key}.tar", scratch / key, scratch / "tar"
+        files, root = file_system(self.place, "--cache")
+        there, folder, packed = f"{root}/{key}.tar", scratch / key, scratch / "tar"
         try:
             if files.exists(there):
                 files.get_file(there, str(packed))
@@ -81,9 +83,13 @@ class SequenceCache:
         return folder
 
 
+@lru_cache(maxsize=256)
 def key_of(settings: GenerateSettings) -> str:
-    """SHA-256 of all that decides a sequence's bytes."""
-    return hashlib.sha256(json.dumps(identity_of(settings), sort_keys=True).encode()).hexdigest()
+    """SHA-256 of all that decides a sequence's bytes, the scene's shapes and motion among it."""
+    world = settings.make_world()
+    identity = identity_of(settings, world) | {
+        "motion_sha256": motion_sha256(*poses_of(world, settings.frames))}
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @contextmanager
@@ -95,16 +101,3 @@ def scratch_folder(settings: GenerateSettings) -> Iterator[Path]:
         yield scratch / "sequence"
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _file_system(url: str) -> tuple[Any, str]:
-    try:
-        import fsspec  # noqa: PLC0415 (an extra)
-    except ModuleNotFoundError:
-        raise UserError(f"--cache {url}: object storage needs fsspec; pip install "
-                        "'simbench-slam[storage]'") from None
-    try:
-        files, root = fsspec.core.url_to_fs(url)
-    except (ImportError, ValueError) as error:
-        raise UserError(f"--cache {url}: {error}") from None
-    return files, str(root)

@@ -17,6 +17,7 @@ from simbench.errors import UserError
 from simbench.inputs import Feed
 from simbench.metric_names import flat_metrics
 from simbench.program import PREFIX, UNLIMITED, Limits, run_program
+from simbench.remote import local_folder
 from simbench.run_to_folder import Outcome, run_to_folder
 from simbench.sensors.spec import find_sensor
 from simbench.sequence import Sequence, open_sequence
@@ -110,7 +111,7 @@ def _run_program(run: Run, cache: SequenceCache | None, limits: Limits, out: Pat
 def _folder_for(spec: SequenceSpec, sensor: str, cache: SequenceCache | None
                 ) -> AbstractContextManager[Path]:
     if spec.folder:
-        return nullcontext(Path(spec.folder))
+        return nullcontext(local_folder(spec.folder))
     settings = generate_settings(spec, sensor)
     return cache.folder_of(settings) if cache else scratch_folder(settings)
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from folders import tum_folder, vdo_folder
@@ -42,7 +43,9 @@ def test_generate_tells_its_speed_and_resume_what_was_there(generated, capsys):
 
 def test_verify_passes_and_fails(generated, tmp_path, capsys):
     assert main(["verify", str(generated)]) == 0
-    assert "3 frames, all good" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "3 frames, all good" in out
+    assert "drawn here, it has the same bytes" in out
     folder = tum_folder(tmp_path / "tum")
     (folder / "rgb/2.png").unlink()
     assert main(["verify", str(folder)]) == 2
@@ -52,7 +55,7 @@ def test_verify_passes_and_fails(generated, tmp_path, capsys):
     assert "rgb/2.png" in captured.out
 
 
-@pytest.mark.parametrize("layout", ["vdo", "tum"])
+@pytest.mark.parametrize("layout", ["vdo", "tum", "kitti"])
 def test_export_writes_what_verify_accepts(generated, tmp_path, layout, capsys):
     out = str(tmp_path / layout)
     assert main(["export", str(generated), "--format", layout, "--out", out]) == 0
@@ -93,6 +96,25 @@ def test_view_names_the_extra_that_is_missing(generated, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["view", str(generated)]) == 2
     assert 'pip install "simbench-slam[view]"' in capsys.readouterr().err
+
+
+def test_a_video_plays_as_long_as_the_sequence(generated, tmp_path, capsys):
+    video = tmp_path / "room.mp4"
+    assert main(["view", str(generated), "--mp4", str(video)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["room.mp4"]
+    played = cv2.VideoCapture(str(video))
+    frames = []
+    while (read := played.read())[0]:
+        frames.append(read[1])
+    assert len(frames) == 3
+    assert played.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0)
+    assert frames[0].shape[1] == 2 * 320
+    # Colour stands top left, below its title: the same picture, but for compression.
+    wanted = cv2.resize(open_sequence(generated).frame(1).rgb[..., ::-1], (320, 240),
+                        interpolation=cv2.INTER_AREA)
+    assert np.abs(frames[1][18:258, :320].astype(float) - wanted).mean() < 6.0
+    assert main(["view", str(generated), "--mp4", str(tmp_path / "room.avi")]) == 2
+    assert "must end in .mp4" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys):

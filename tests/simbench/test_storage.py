@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from simbench import storage
+from simbench.certificate import differences
 from simbench.datasets.tum import TumFolder
 from simbench.depth_range import farthest_depth
 from simbench.errors import BadFile, BadFrame, UserError
@@ -20,7 +21,7 @@ from simbench.generate import GenerateSettings, generate
 from simbench.render import make_renderer
 from simbench.sequence import open_sequence
 from simbench.simulate import SimulatedSequence
-from simbench.verify import check_sequence
+from simbench.verify import check_sequence, drawn_here
 
 SCENE = str(Path(__file__).parent / "scenes" / "stored_room.py") + ":StoredRoom-v0"
 FRAMES = 5
@@ -124,6 +125,34 @@ def test_the_manifest_says_how_it_was_made(generated):
     assert not (generated / "unfinished.json").exists()
 
 
+def test_the_certificate_names_what_the_bytes_depend_on(generated):
+    manifest = json.loads((generated / "sequence.json").read_text())
+    certified = manifest["certificate"]
+    assert set(certified["bytes_depend_on"]) <= manifest.keys()
+    assert set(certified["bytes_depend_on"]) >= {"scene", "scene_sha256", "seed", "dials",
+                                                 "versions", "gl_renderer", "sensor_settings"}
+    assert any("workers" in each for each in certified["bytes_do_not_depend_on"])
+    assert drawn_here(open_sequence(generated)) == []
+
+
+@pytest.mark.parametrize(("changes", "key"), [({"seed": 1}, "motion_sha256"),
+                                              ({"dials": {"texture": 0.5}}, "scene_sha256")])
+def test_another_scene_has_another_certificate(generated, changes, key):
+    there = json.loads((generated / "sequence.json").read_text())
+    assert differences(there, settings(**changes).make_world()) == [f"{key} is another here"]
+
+
+def test_what_differs_on_this_machine_is_said(copy):
+    manifest = json.loads((copy / "sequence.json").read_text())
+    manifest["versions"]["mujoco"] = "3.0.0"
+    manifest["gl_renderer"] = "another"
+    (copy / "sequence.json").write_text(json.dumps(manifest))
+    said = "\n".join(drawn_here(open_sequence(copy)))
+    assert "mujoco 3.0.0 there" in said
+    assert "gl_renderer 'another' there" in said
+    assert "has other bytes" not in said
+
+
 def test_a_killed_run_resumes_to_the_same_bytes(generated, tmp_path):
     out = tmp_path / "killed"
     code = ("from simbench.generate import *; import sys; from pathlib import Path\n"
@@ -191,7 +220,17 @@ def _rewrite_png(path):
     storage.write_png(path, storage.encode_depth(depth, 5000.0))
 
 
+def _claim_other(folder, key):
+    manifest = json.loads((folder / "sequence.json").read_text())
+    manifest[key] = "0" * 64
+    (folder / "sequence.json").write_text(json.dumps(manifest))
+
+
 DAMAGE = {
+    "other poses certified": (lambda f: _claim_other(f, "motion_sha256"),
+                              ["sequence.json: its certificate is of other poses"]),
+    "no certificate": (lambda f: _claim_other(f, "certificate"),
+                       ["sequence.json: it has no certificate"]),
     "one byte": (lambda f: (f / "rgb.txt").write_text((f / "rgb.txt").read_text() + " "),
                  ["rgb.txt: its SHA-256"]),
     "missing file": (lambda f: (f / "associations.txt").unlink(), ["associations.txt: missing"]),

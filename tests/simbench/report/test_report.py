@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -13,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from browser import opened
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import (
     DYNAMIC_LINE,
@@ -183,31 +182,26 @@ def test_a_run_without_truth_has_a_page_too(content):
 
 
 @pytest.mark.parametrize("width", [1200, 390])
-def test_a_browser_draws_it_without_sideways_scrolling(page, tmp_path, width):
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no chromium on this machine")
-    probe = "<script>document.title = document.documentElement.scrollWidth</script></body>"
+def test_a_browser_draws_it_without_fault_or_sideways_scrolling(page, content, tmp_path, width):
     path = tmp_path / "report.html"
-    path.write_text(page.replace("</body>", probe))
-    frame = tmp_path / "frame.html"   # headless windows are never narrower than 500 px
-    frame.write_text(f'<iframe id=f src="report.html" width="{width}" height="800"></iframe>')
-    out = subprocess.run(
-        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1300,900",
-         f"--user-data-dir={tmp_path}/profile", "--allow-file-access-from-files",
-         "--virtual-time-budget=3000", "--dump-dom", str(wrapped(frame))],
-        capture_output=True, text=True, timeout=60, check=False)
-    found = re.search(r"<title>(\d+)</title>", out.stdout)
-    assert found, out.stderr[-500:]
-    assert int(found[1]) <= width
+    path.write_text(page)
+    seen = opened(path, width)
+    assert seen.faults == []
+    assert seen.images >= len(content.pictures) > 0
+    assert seen.empty == 0
+    assert seen.width <= width
+    assert seen.small == 0
 
 
-def wrapped(frame):
-    """The frame tells its own page's width in its title once it has loaded."""
-    text = frame.read_text()
-    frame.write_text("<title></title>" + text + "<script>f.onload = () => document.title ="
-                     " f.contentDocument.title</script>")
-    return frame
+def test_the_browser_would_tell(tmp_path):
+    path = tmp_path / "bad.html"
+    path.write_text('<html><head></head><body><img src="none.png"><script>nothing()</script>'
+                    '<div style="width:600px"><p style="font-size:5px">x</p></div></body></html>')
+    seen = opened(path, 390)
+    assert (seen.images, seen.empty, seen.small) == (1, 1, 1)
+    assert seen.width >= 600
+    assert any("none.png" in fault for fault in seen.faults)
+    assert any("nothing is not defined" in fault for fault in seen.faults)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

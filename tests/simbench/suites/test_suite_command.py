@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from browser import opened
 from simbench.cli import main
 from tiny_suite import SUITE
 
@@ -59,6 +60,14 @@ def test_the_page_stands_alone_and_its_links_lead_somewhere(suite):
     assert len(links) == 4
     for link in links:
         assert (out / "runs" / link.replace("%3D", "=")).is_file()
+
+
+def test_a_browser_draws_the_page_on_a_phone(suite, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_text((suite[1] / "report.html").read_text())
+    seen = opened(path, 390)
+    assert (seen.faults, seen.empty, seen.small) == ([], 0, 0)
+    assert seen.width <= 390
 
 
 def test_a_suite_that_was_cut_short_resumes_to_the_same_bytes(suite, tmp_path, capsys,

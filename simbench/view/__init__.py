@@ -1,0 +1,1 @@
+"""Look at sequences and runs: sheets of pictures, videos, the Rerun viewer."""
