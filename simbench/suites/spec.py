@@ -27,7 +27,7 @@ class SequenceSpec:
     scene: str = ""
     folder: str = ""
     calibration: str = ""
-    dials: tuple[tuple[str, float], ...] = ()
+    dials: tuple[tuple[str, float | str], ...] = ()
     seed: int = 0
     frames: int | None = None
     size: tuple[int, int] | None = None
@@ -45,7 +45,7 @@ class Case:
     frames: int | None = None
     size: tuple[int, int] | None = None
     fps: float | None = None
-    dials: Mapping[str, float] = field(default_factory=dict)
+    dials: Mapping[str, float | str] = field(default_factory=dict)
     inputs: Mapping[str, Value] = field(default_factory=dict)
     sensor_settings: Mapping[str, Value] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
@@ -69,7 +69,7 @@ class Case:
             elif name.startswith(SETTING):
                 settings.append(f"{name.removeprefix(SETTING)}={value}")
             else:
-                dials[name] = float(value)
+                dials[name] = value if isinstance(value, str) else float(value)
         return replace(self, dials=dials, inputs=inputs, sensor_settings=sensor,
                        settings=tuple(settings), sweep=())
 

@@ -78,6 +78,19 @@ def test_a_wrong_file_is_one_line_that_says_where(tmp_path, old, new, message):
     assert "\n" not in str(raised.value)
 
 
+def test_a_dial_of_named_values_takes_their_names(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(GOOD.replace("speed: 2", "people: none").replace("texture: [1, 0.5]",
+                    "camera_motion: [rpy, static]").replace("SwingingBoxes", "Office"))
+    suite = load_suite(str(path))
+    check_names(suite)
+    assert {run.sequence.dials for run in runs_of(suite)} == {
+        (("camera_motion", motion), ("people", "none")) for motion in ("rpy", "static")}
+    path.write_text(path.read_text().replace("rpy", "rpi"))
+    with pytest.raises(UserError, match="camera_motion=rpi must be one of"):
+        check_names(load_suite(str(path)))
+
+
 def test_wrong_names_are_told_before_anything_runs(tmp_path):
     with pytest.raises(UnknownName, match="did you mean 'smoke'"):
         load_suite("smok")
