@@ -32,6 +32,7 @@ class SequenceSpec:
     frames: int | None = None
     size: tuple[int, int] | None = None
     fps: float | None = None
+    stereo: bool = False            # of a scene: frames have a right picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,8 @@ class Case:
         """The frames of this case, nothing swept any more, at a seed."""
         return SequenceSpec(self.scene, self.folder, self.calibration,
                             tuple(sorted(self.dials.items())), 0 if self.folder else seed,
-                            self.frames, self.size, self.fps)
+                            self.frames, self.size, self.fps,
+                            bool(self.scene) and self.inputs.get("depth") == "stereo")
 
     def choice(self) -> InputChoice:
         """What the systems are given. On scenes what is not named is true, but a sensor's depth.
