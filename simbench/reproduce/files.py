@@ -32,6 +32,7 @@ def _blocks(found: Reproduction) -> Iterator[str]:
            f"are ours, on synthetic counterparts (suite `{found.suite.name}`, "
            f"{inputs_text(found.suite)}): mean over {len(found.suite.seeds)} seeds "
            "[95 % interval by bootstrap].\n")
+    yield from _error_table(found.counterparts)
     for side in found.sides:
         yield f"## {side.title}\n"
         yield from _rows(_headings(side), side.rows)
@@ -52,7 +53,7 @@ def _blocks(found: Reproduction) -> Iterator[str]:
 
 
 def _headings(side: SideTable) -> tuple[str, ...]:
-    return ("", "counterpart", *(f"*printed: {each}*" for each in side.printed), *side.ours)
+    return ("", *(f"*printed: {each}*" for each in side.printed), *side.ours)
 
 
 def _error_table(table: ErrorTable) -> Iterator[str]:

@@ -33,7 +33,8 @@ def render(found: Reproduction) -> str:
     plots += [_deviation_plot(i, found.deviations) for i in range(3) if found.deviations]
     return environment.get_template("reproduce.html.j2").render(
         table=found.table, suite=found.suite, inputs=inputs_text(found.suite), sides=found.sides,
-        comparisons=found.comparisons, counts=found.counts, plots=plots,
+        counterparts=found.counterparts, comparisons=found.comparisons,
+        counts=found.counts, plots=plots,
         correlation=() if found.correlated is None else correlation_lines(found.correlated),
         version=metadata.version("simbench-slam"))
 

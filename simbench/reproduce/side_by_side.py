@@ -24,6 +24,7 @@ class Reproduction:
     table: PaperTable
     suite: Suite
     sides: tuple[SideTable, ...]
+    counterparts: ErrorTable
     counts: ErrorTable
     comparisons: tuple[ErrorTable, ...]
     correlated: Correlated | None
@@ -37,13 +38,13 @@ class SideTable:
     title: str
     printed: tuple[str, ...]     # headings
     ours: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]    # name, what stands for it here, printed, ours
+    rows: tuple[tuple[str, ...], ...]    # name, printed, ours
     notes: tuple[str, ...] = ()
 
     def flat(self) -> ErrorTable:
-        """As one table, the counterparts left out."""
+        """As one table."""
         return ErrorTable((self.title, *(f"printed: {each}" for each in self.printed), *self.ours),
-                          tuple((row[0], *row[2:]) for row in self.rows), self.notes)
+                          self.rows, self.notes)
 
 
 def reproduction(table: PaperTable, suite: Suite, measured: Measured) -> Reproduction:
@@ -51,8 +52,8 @@ def reproduction(table: PaperTable, suite: Suite, measured: Measured) -> Reprodu
     compared = [compare(table, each, measured) for each in table.comparisons]
     return Reproduction(
         table, suite,
-        tuple(_side(table, suite, quantity, measured) for quantity in table.quantities),
-        _counts(table, measured),
+        tuple(_side(table, quantity, measured) for quantity in table.quantities),
+        _counterparts(table, suite), _counts(table, measured),
         tuple(_comparison_table(each) for each in compared if each is not None),
         None if table.correlation is None else correlate(table, table.correlation, measured),
         tuple(measured.deviations))
@@ -64,17 +65,23 @@ def short_name(system: str) -> str:
     return Path(place).stem if colon and place.endswith(".py") else system
 
 
-def counterpart(suite: Suite, row: Row) -> str:
-    """What of the scene stands for a row of the paper."""
-    case = next(each for each in suite.cases if each.name == row.case)
-    dials = ", ".join(f"{name} {value_text(value)}" for name, value in case.dials.items())
-    where = f"{case.scene}{f': {dials}' if dials else ''}, {case.frames} frames"
-    return f"{where}, {row.of}" if row.of else where
+def _counterparts(table: PaperTable, suite: Suite) -> ErrorTable:
+    """What of which scene stands for each row of the paper."""
+    cases = {case.name: case for case in suite.cases}
+    rows = []
+    for row in table.rows:
+        case = cases[row.case]
+        dials = ", ".join(f"{name} {value_text(value)}" for name, value in case.dials.items())
+        rows.append((row.name, case.scene, dials, str(case.frames), row.of))
+    columns = ("", "scene", "dials", "frames", "errors of")
+    kept = [i for i in range(len(columns)) if i == 0 or any(row[i] for row in rows)]
+    return ErrorTable(tuple(columns[i] for i in kept),
+                      tuple(tuple(row[i] for i in kept) for row in rows), ())
 
 
-def _side(table: PaperTable, suite: Suite, quantity: Quantity, measured: Measured) -> SideTable:
+def _side(table: PaperTable, quantity: Quantity, measured: Measured) -> SideTable:
     columns = [each for each in table.columns if each.quantity == quantity.name]
-    rows = tuple((row.name, counterpart(suite, row), *(c.cells[i].text for c in columns),
+    rows = tuple((row.name, *(c.cells[i].text for c in columns),
                   *(_own_cell(row, quantity, system, measured) for system in measured.systems))
                  for i, row in enumerate(table.rows))
     notes = ("In brackets behind the interval: standard deviation over the frames.",) \
