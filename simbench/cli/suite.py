@@ -40,6 +40,9 @@ def suite_command(
         reports: Annotated[str, typer.Option(
             "--reports", help="Which runs get a report.html: of the first seed, all or none."
         )] = "first",
+        resolution: Annotated[float, typer.Option(
+            "--resolution", min=0.1, metavar="PERCENT",
+            help="Of a mean; for which the page tells how many seeds are needed.")] = 5.0,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
         dial: Annotated[str | None, typer.Option(
             "--dial", metavar="NAME", help="break: the dial to turn.")] = None,
@@ -75,7 +78,8 @@ def suite_command(
             raise UserError(f"{option}: is for `simbench suite break`; a suite's file says it")
     suite = changed(load_suite(name), systems, seeds, frames, size)
     with run_progress(suite.name, _count(suite)) as show:
-        results = run_suite(suite, out, where, resume=resume, on_run=show)
+        results = run_suite(suite, out, where, resume=resume, resolution=resolution / 100.0,
+                            on_run=show)
     _tell(results, out)
 
 

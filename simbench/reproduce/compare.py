@@ -10,8 +10,7 @@ import numpy as np
 from simbench.reproduce.measured import Measured
 from simbench.reproduce.table import Comparison, Correlation, PaperTable, Quantity, Row
 from simbench.statistics import Interval, mean_interval, rank_correlation, seeds_needed
-
-RESOLUTION = 0.05        # of a ratio, for which the number of seeds is told
+from simbench.suites.results import RESOLUTION
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +21,7 @@ class Ratio:
     low: float | None
     high: float | None
     n: int
-    seeds_for_5_percent: int | None
+    seeds_needed: int | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from simbench.reproduce.compare import Compared, Correlated, Ratio, compare, cor
 from simbench.reproduce.measured import Deviation, Measured
 from simbench.reproduce.table import PaperTable, Quantity, Row
 from simbench.statistics import Interval, mean_interval
+from simbench.suites.results import RESOLUTION
 from simbench.suites.spec import Case, Suite, value_text
 
 
@@ -127,18 +128,18 @@ def _comparison_table(found: Compared) -> ErrorTable:
                   *_ratio_cells(each.ours)) for each in (*found.rows, found.all_rows))
     return ErrorTable(
         (f"{c.quantity}", f"printed: {c.printed[1]} / {c.printed[0]}",
-         f"ours: {second} / {first}", "seeds", "seeds for 5 %"), rows, (
+         f"ours: {second} / {first}", "seeds", f"seeds for {100 * RESOLUTION:g} %"), rows, (
             "Ratios of the second system to the first; ours geometric means over pairs of equal "
             "sequences with 95 % intervals by bootstrap. Where the interval does not hold 1, the "
-            "two differ. “Seeds for 5 %”: how many would make the ratio known to ± 5 %, by the "
-            "spread seen here.",))
+            f"two differ. “Seeds for {100 * RESOLUTION:g} %”: how many would make the ratio known "
+            f"to ± {100 * RESOLUTION:g} %, by the spread seen here.",))
 
 
 def _ratio_cells(ratio: Ratio | None) -> tuple[str, str, str]:
     if ratio is None:
         return NONE, "0", NONE
     interval = "" if ratio.low is None else f" [{ratio.low:.3f}, {ratio.high:.3f}]"
-    needed = ratio.seeds_for_5_percent
+    needed = ratio.seeds_needed
     return f"{ratio.mean:.3f}{interval}", str(ratio.n), NONE if needed is None else str(needed)
 
 

@@ -103,7 +103,7 @@ def test_ratios_are_of_pairs_and_a_lost_run_makes_none(drives):
     assert found.rows[0].printed == pytest.approx(0.050 / 0.051)
     assert found.rows[5].ours.mean == pytest.approx(0.9)
     assert found.rows[5].ours.low == pytest.approx(0.9)      # pairs do not spread at all
-    assert found.rows[5].ours.seeds_for_5_percent == 2
+    assert found.rows[5].ours.seeds_needed == 2
     assert found.rows[12].ours.n == 1
     assert found.all_rows.ours.n == 1                        # the seed that has every row
     counted = measured.counted("d0004", "sdpl")
