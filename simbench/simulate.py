@@ -156,6 +156,7 @@ class SimulatedSequence(IteratesFrames):
                           "mujoco": mujoco.__version__} | ({"stereo": True} if stereo else {})
         self._renderer = renderer
         self._pictures = _Memory(kept)
+        self._rights = _Memory(kept)
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -184,11 +185,15 @@ class SimulatedSequence(IteratesFrames):
         """
         if self.intrinsics.baseline_m is None:
             raise ValueError(f"{self.name}: was made without stereo")
-        world = self.truth.world_at(k)
         shift = np.eye(4)
         shift[0, 3] = self.intrinsics.baseline_m
-        world.camera_offset = world.camera_offset @ shift
-        return self._renderer.rgb(world)
+
+        def drawn() -> Array:
+            world = self.truth.world_at(k)
+            world.camera_offset = world.camera_offset @ shift
+            return self._renderer.rgb(world)
+
+        return self._rights.get(k, drawn)
 
     def render_blurred(self, k: int, exposure_s: float, subframes: int) -> Array:
         """(H, W, 3) uint8 picture of an exposure around the instant of frame k.

@@ -1,4 +1,4 @@
-"""What a handful of seeds says: bootstrap intervals, and how many seeds are enough."""
+"""What a handful of seeds says: intervals by bootstrap, and how many seeds are enough."""
 
 from __future__ import annotations
 
@@ -62,3 +62,29 @@ def seeds_needed(values: Sequence[float] | Array, resolution: float,
     half = stats.t.ppf(0.5 + 0.5 * level, n - 1) * values.std(ddof=1) / np.sqrt(n)
     enough = half <= resolution
     return int(n[np.argmax(enough)]) if enough.any() else _MOST_SEEDS
+
+
+def rank_correlation(x: Sequence[float] | Array, y: Sequence[float] | Array,
+                     level: float = LEVEL) -> Interval | None:
+    """Spearman's ρ of pairs (n,) with its bootstrap interval, by percentiles of resampled pairs.
+
+    None for fewer than four pairs, or where all values of one side are equal.
+    """
+    pairs = np.stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])
+    n = pairs.shape[1]
+    if n < 4 or np.any(np.ptp(pairs, axis=1) == 0.0):
+        return None
+    drawn = np.random.default_rng(0).integers(0, n, (_RESAMPLES, n))
+    resampled = _spearman(pairs[:, drawn])
+    tail = 50.0 * (1.0 - level)
+    low, high = np.percentile(resampled[np.isfinite(resampled)], [tail, 100.0 - tail])
+    return Interval(float(_spearman(pairs[:, None])[0]), float(low), float(high), n)
+
+
+def _spearman(pairs: Array) -> Array:
+    """ρ (R,) of R sets of pairs (2, R, n); NaN where one side is constant."""
+    ranks = stats.rankdata(pairs, axis=-1)
+    x, y = ranks - ranks.mean(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((x * y).sum(axis=-1)
+                          / np.sqrt((x * x).sum(axis=-1) * (y * y).sum(axis=-1)))

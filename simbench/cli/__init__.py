@@ -16,7 +16,18 @@ from typing import Annotated
 
 import typer
 
-from simbench.cli import export, gate, generate, list_, run, score, suite, verify, view
+from simbench.cli import (
+    export,
+    gate,
+    generate,
+    list_,
+    reproduce,
+    run,
+    score,
+    suite,
+    verify,
+    view,
+)
 from simbench.errors import UserError
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None,
@@ -26,6 +37,7 @@ app.command("generate")(generate.generate_command)
 app.command("run")(run.run_command)
 app.command("score")(score.score_command)
 app.command("suite")(suite.suite_command)
+app.command("reproduce")(reproduce.reproduce_command)
 app.command("bless")(gate.bless_command)
 app.command("gate")(gate.gate_command)
 app.command("verify")(verify.verify_command)

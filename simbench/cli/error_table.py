@@ -1,4 +1,4 @@
-"""What `run` and `score` print when they are done."""
+"""Tables in the terminal, and what `run` and `score` print when they are done."""
 
 from __future__ import annotations
 
@@ -7,14 +7,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from simbench.report.table import ErrorTable
     from simbench.run_to_folder import Outcome
+
+
+def print_table(table: ErrorTable, console: Console | None = None) -> None:
+    """A table without its notes; by default its lines break where the terminal ends."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, column in enumerate(table.columns):
+        shown.add_column(column, justify="left" if i == 0 else "right")
+    for row in table.rows:
+        shown.add_row(*row)
+    (console or Console(highlight=False, width=500)).print(shown)
 
 
 def print_outcome(outcome: Outcome, out: Path) -> None:
     """The tables of errors, what went wrong, the time a frame took, and where the report is."""
-    from rich import box
     from rich.console import Console
-    from rich.table import Table
 
     from simbench.report.table import error_table, trajectory_table
 
@@ -22,12 +37,7 @@ def print_outcome(outcome: Outcome, out: Path) -> None:
     errors = error_table(outcome.metrics)
     for part in (errors, trajectory_table(outcome.metrics)):
         if part.rows:
-            table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-            for i, column in enumerate(part.columns):
-                table.add_column(column, justify="left" if i == 0 else "right")
-            for row in part.rows:
-                table.add_row(*row)
-            console.print(table)
+            print_table(part, console)
     for note in errors.notes:
         console.print(note, markup=False)
     timing = outcome.metrics.get("timing", {})

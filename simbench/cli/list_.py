@@ -6,7 +6,8 @@ import typer
 
 
 def list_command() -> None:
-    """Scenes with their dials, systems, suites and sensors."""
+    """Scenes with their dials, systems, suites, tables and sensors."""
+    from simbench.reproduce.table import list_tables, load_table
     from simbench.scene import list_scenes
     from simbench.sensors.spec import SENSORS
     from simbench.suites.files import list_suites, load_suite
@@ -25,6 +26,9 @@ def list_command() -> None:
     typer.echo("\nSuites")
     for name in list_suites():
         typer.echo(f"  {name:<20} {' '.join(load_suite(name).description.split())}")
+    typer.echo("\nTables, for `simbench reproduce`")
+    for name in list_tables():
+        typer.echo(f"  {name:<20} {load_table(name).title}")
     typer.echo("\nSensors")
     for sensor in SENSORS.values():
         typer.echo(f"  {sensor.name:<20} {sensor.help}")

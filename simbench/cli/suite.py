@@ -40,6 +40,9 @@ def suite_command(
         reports: Annotated[str, typer.Option(
             "--reports", help="Which runs get a report.html: of the first seed, all or none."
         )] = "first",
+        resolution: Annotated[float, typer.Option(
+            "--resolution", min=0.1, metavar="PERCENT",
+            help="Of a mean; for which the page tells how many seeds are needed.")] = 5.0,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
         dial: Annotated[str | None, typer.Option(
             "--dial", metavar="NAME", help="break: the dial to turn.")] = None,
@@ -59,15 +62,10 @@ def suite_command(
 ) -> None:
     """Run a suite and write one page of curves and tables."""
     from simbench.cli.progress import run_progress
-    from simbench.program import Limits
     from simbench.suites.files import load_suite
-    from simbench.suites.run_suite import Where, run_suite
+    from simbench.suites.run_suite import run_suite
 
-    if reports not in ("first", "all", "none"):
-        raise UserError(f"--reports {reports}: wanted first, all or none")
-    if dask and workers is not None:
-        raise UserError("--workers: the cluster has its own workers; leave it out with --dask")
-    where = Where(workers, dask, cache, reports, Limits(time_limit, memory_limit))
+    where = where_of(workers, dask, cache, reports, time_limit, memory_limit)
     search = {"--dial": dial, "--limit": limit, "--scene": scene, "--flow": flow,
               "--sensor": sensor, "--from": start, "--to": end}
     if name == "break":
@@ -80,8 +78,22 @@ def suite_command(
             raise UserError(f"{option}: is for `simbench suite break`; a suite's file says it")
     suite = changed(load_suite(name), systems, seeds, frames, size)
     with run_progress(suite.name, _count(suite)) as show:
-        results = run_suite(suite, out, where, resume=resume, on_run=show)
+        results = run_suite(suite, out, where, resume=resume, resolution=resolution / 100.0,
+                            on_run=show)
     _tell(results, out)
+
+
+def where_of(workers: int | None, dask: str, cache: str, reports: str,
+             time_limit: float | None, memory_limit: float | None) -> Where:
+    """How the runs are worked off, from the options. Raises UserError."""
+    from simbench.program import Limits
+    from simbench.suites.run_suite import Where
+
+    if reports not in ("first", "all", "none"):
+        raise UserError(f"--reports {reports}: wanted first, all or none")
+    if dask and workers is not None:
+        raise UserError("--workers: the cluster has its own workers; leave it out with --dask")
+    return Where(workers, dask, cache, reports, Limits(time_limit, memory_limit))
 
 
 def changed(suite: Suite, systems: str | None, seeds: str | None, frames: int | None,
@@ -141,22 +153,17 @@ def _count(suite: Suite) -> int:
 
 def _tell(results: dict[str, Any], out: Path) -> None:
     """The table of the terminal. Exit code 1 where a run was lost or failed."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from simbench.cli.error_table import print_table
     from simbench.report.suite_page import summary_table
 
-    console = Console(highlight=False, width=500)   # lines break where the terminal ends
-    shown = summary_table(results)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for i, column in enumerate(shown.columns):
-        table.add_column(column, justify="left" if i == 0 else "right")
-    for row in shown.rows:
-        table.add_row(*row)
-    console.print(table)
-    console.print("means over the seeds [95 % by bootstrap]", markup=False)
-    console.print(f"report: {out / 'report.html'}", markup=False, soft_wrap=True)
+    print_table(summary_table(results))
+    typer.echo("means over the seeds [95 % by bootstrap]")
+    typer.echo(f"report: {out / 'report.html'}")
+    tell_trouble(results)
+
+
+def tell_trouble(results: dict[str, Any]) -> None:
+    """Exit code 1, and why, where a run was lost or failed."""
     bad = [run for run in results["runs"] if run["status"] != "done"]
     if bad:
         first = bad[0]

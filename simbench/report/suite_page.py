@@ -65,9 +65,9 @@ def _case(name: str, results: Mapping[str, Any], reports: set[str]) -> dict[str,
             for key in ("summary", "meaning", "against_first", "runs")}
     table = ladder_table(here["runs"], suite["metrics"], suite["systems"])
     return {"name": name, "what": _what(case), "plots": _plots(case, here, suite),
-            "table": _error_table(here["summary"], suite["metrics"]),
+            "table": _error_table(here["summary"], suite["metrics"], results["resolution"]),
             "meaning": _meaning_table(here["meaning"]),
-            "pairs": _pair_table(here["against_first"]),
+            "pairs": _pair_table(here["against_first"], results["resolution"]),
             "ladder": table,
             "runs": [(_title(run), run["folder"] + ("/report.html" if run["key"] in reports else
                                                     "/metrics.json" if "metrics" in run else
@@ -134,29 +134,32 @@ def _most_telling(meaning: Sequence[Mapping[str, Any]]) -> tuple[str, str, str] 
     return (changing[0][1], *MEANINGS[changing[0][1]]) if changing else None
 
 
-def _error_table(summary: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> ErrorTable:
+def _error_table(summary: Sequence[Mapping[str, Any]], metrics: Sequence[str],
+                 resolution: float) -> ErrorTable:
     names = [name for name in dict.fromkeys((*metrics, *COVERAGES))
              if any(name in s["metrics"] for s in summary)]
-    columns = ["", *(_heading(name) for name in names), "lost frames", "lost runs", "seeds for 5 %"]
+    columns = ["", *(_heading(name) for name in names), "lost frames", "lost runs",
+               f"seeds for {100 * resolution:g} %"]
     rows = []
     for each in summary:
         cells = [shown_interval(each["metrics"].get(name), find_metric(name).unit)
                  for name in names]
         first = each["metrics"].get(metrics[0], {})
-        needed = first.get("seeds_for_5_percent")
+        needed = first.get("seeds_needed")
         rows.append((f"{_point(each['point'])} {each['system']}".strip(), *cells,
                      f"{each['lost_frames']} of {each['frames']}",
                      f"{each['lost_runs']} of {each['runs']}",
                      NONE if needed is None else str(needed)))
     return ErrorTable(tuple(columns), tuple(rows), (
-        f"Means over the seeds with 95 % intervals by bootstrap. “Seeds for 5 %”: how many would "
-        f"make the mean of {metrics[0]} known to ± 5 %, by the spread seen here.",))
+        f"Means over the seeds with 95 % intervals by bootstrap. “Seeds for "
+        f"{100 * resolution:g} %”: how many would make the mean of {metrics[0]} known to "
+        f"± {100 * resolution:g} %, by the spread seen here; pairs need fewer.",))
 
 
 def summary_table(results: Mapping[str, Any]) -> ErrorTable:
     """All cases, points and systems in one table, for the terminal."""
     summary = results["summary"]
-    table = _error_table(summary, results["suite"]["metrics"])
+    table = _error_table(summary, results["suite"]["metrics"], results["resolution"])
     rows = tuple((f"{each['case']} {row[0]}", *row[1:])
                  for each, row in zip(summary, table.rows, strict=True))
     return ErrorTable(table.columns, rows, table.notes)
@@ -188,7 +191,7 @@ def _meaning_table(meaning: Sequence[Mapping[str, Any]]) -> ErrorTable | None:
     return ErrorTable(("", *(f"{MEANINGS[k][0]} ({MEANINGS[k][1]})" for k in keys)), rows, ())
 
 
-def _pair_table(pairs: Sequence[Mapping[str, Any]]) -> ErrorTable | None:
+def _pair_table(pairs: Sequence[Mapping[str, Any]], resolution: float) -> ErrorTable | None:
     if not pairs:
         return None
     rows = []
@@ -197,10 +200,14 @@ def _pair_table(pairs: Sequence[Mapping[str, Any]]) -> ErrorTable | None:
         interval = "" if each["low"] is None else \
             f" [{scale * each['low']:+.3g}, {scale * each['high']:+.3g}]"
         rows.append((f"{_point(each['point'])} {each['system']}".strip(), each["metric"],
-                     f"{scale * each['mean']:+.3g}{unit}{interval}", str(each["n"])))
-    return ErrorTable(("", "metric", f"worse than {pairs[0]['first']} by", "pairs"), tuple(rows), (
+                     f"{scale * each['mean']:+.3g}{unit}{interval}", str(each["n"]),
+                     str(each.get("seeds_needed") or NONE)))
+    wanted = f"{100 * resolution:g} %"
+    return ErrorTable(("", "metric", f"worse than {pairs[0]['first']} by", "pairs",
+                       f"pairs for {wanted}"), tuple(rows), (
         "Each pair is one seed's sequence, seen by both; negative is better. Where the interval "
-        "does not hold 0, the two differ.",))
+        f"does not hold 0, the two differ. “Pairs for {wanted}”: how many seeds would make this "
+        f"difference known to ± {wanted}, by the spread seen here.",))
 
 
 def _speed_table(suite: Mapping[str, Any], runs: Sequence[Mapping[str, Any]],

@@ -107,6 +107,10 @@ def _new_person(spec: mujoco.MjSpec, looks: np.random.Generator, number: int) ->
     return name, figure
 
 
+def _person(name: str) -> SceneObject:
+    return SceneObject(name, rigid=False, category="person")
+
+
 def _walking(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
              speed: float) -> tuple[list[Part], list[SceneObject]]:
     """Two go round before the desks, a third pushes a chair to and fro beside them."""
@@ -129,9 +133,9 @@ def _walking(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gen
         return {"chair 1": pose([*at, 0.0], heading)}
 
     parts.append(pushed)
-    people = [SceneObject(f"person {number}", rigid=False) for number in (1, 2, 3)]
+    people = [_person(f"person {number}") for number in (1, 2, 3)]
     _stand_chair(spec, "chair left", np.array([1.45, 1.42]), -1.75)
-    return parts, [*people, SceneObject("chair 1", rigid=True)]
+    return parts, [*people, SceneObject("chair 1", rigid=True, category="chair")]
 
 
 def _sitting(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
@@ -145,7 +149,7 @@ def _sitting(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gen
         _stand_chair(spec, f"chair {number}", at, turn)
         sitter = Sitter.draw(rng, name, figure, np.array([*at, SEAT_M + 0.10]), turn)
         parts.append(lambda t, sitter=sitter: sitter(speed * t))   # type: ignore[misc]
-    return parts, [SceneObject(f"person {number}", rigid=False) for number in (1, 2)]
+    return parts, [_person(f"person {number}") for number in (1, 2)]
 
 
 def _empty(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
@@ -184,7 +188,7 @@ def _visit(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gener
         placed["turned chair"] = pose([x, y, 0.0], float(turn))
         return placed
 
-    return [visitor], [SceneObject(name, rigid=False)]
+    return [visitor], [_person(name)]
 
 
 def _visit_progress(time_s: float, stop_m: float, step_m: float) -> float:

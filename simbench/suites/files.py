@@ -14,6 +14,7 @@ import yaml
 
 from simbench.errors import BadFile, UnknownName, UserError
 from simbench.metric_names import SHOWN, find_metric
+from simbench.scene import find_scene
 from simbench.sensors.spec import find_sensor
 from simbench.suites.spec import (
     INPUTS,
@@ -125,7 +126,7 @@ def _case(name: Any, body: Any, defaults: Mapping[str, Any]) -> Case:
                                                                 f"{where}: frames"),
         size=_size(merged.get("size"), where),
         fps=None if merged.get("fps") is None else _number(merged["fps"], f"{where}: fps"),
-        dials={key: _number(v, f"{where}: dial {key}") for key, v in merged["dials"].items()},
+        dials={key: _dial(v, f"{where}: dial {key}") for key, v in merged["dials"].items()},
         inputs={key: _value(merged[key], f"{where}: {key}") for key in INPUTS if key in merged},
         sensor_settings={key: _value(v, f"{where}: sensor_settings: {key}")
                          for key, v in merged["sensor_settings"].items()},
@@ -134,6 +135,7 @@ def _case(name: Any, body: Any, defaults: Mapping[str, Any]) -> Case:
                     for key, v in merged["sweep"].items()))
     for point in case.points():
         _check_inputs(case.at(point), where)
+        _check_words(case.at(point), where)
     return case
 
 
@@ -148,6 +150,15 @@ def _check_inputs(case: Case, where: str) -> None:
         raise UserError(f"{where}: {error}") from None
 
 
+def _check_words(case: Case, where: str) -> None:
+    """A word is the value of a dial with named values only."""
+    words = {name: value for name, value in case.dials.items() if isinstance(value, str)}
+    named = {dial.name for dial in find_scene(case.scene).dials if dial.choices} if words else ()
+    for name, value in words.items():
+        if name not in named:
+            raise UserError(f"{where}: {name}: {value!r} is not a number")
+
+
 def _swept(value: Any, where: str) -> tuple[Value, ...]:
     if not isinstance(value, list) or not value:
         raise UserError(f"{where}: wanted a list of values")
@@ -156,7 +167,7 @@ def _swept(value: Any, where: str) -> tuple[Value, ...]:
         raise UserError(f"{where}: a value stands there twice")
     name = where.rpartition(": ")[2]
     if name not in INPUTS and not name.startswith((SENSOR, SETTING)):
-        values = tuple(_number(each, where) for each in values)
+        values = tuple(_dial(each, where) for each in values)
     return values
 
 
@@ -178,6 +189,12 @@ def _value(value: Any, where: str) -> Value:
                         "'none'" if value is None or isinstance(value, bool) else
                         f"{where}: {value!r} is neither a finite number nor a word")
     return value
+
+
+def _dial(value: Any, where: str) -> float | str:
+    """A number, or the name of a choice, of which the scene knows whether it has it."""
+    value = _value(value, where)
+    return value if isinstance(value, str) else float(value)
 
 
 def _number(value: Any, where: str) -> float:

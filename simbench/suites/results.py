@@ -9,27 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from simbench.metric_names import COVERAGES, METRICS
+from simbench.metric_names import COVERAGES, METRICS, Metric
 from simbench.run_to_folder import versions
 from simbench.statistics import mean_interval, seeds_needed
 from simbench.suites.jobs import Run
 from simbench.suites.spec import Suite
 
 SCHEMA = 1
-RESOLUTION = 0.05    # of the mean, for which the number of seeds is told
+RESOLUTION = 0.05    # of a mean; for which the number of seeds is told if none is asked for
 
 
-def results_of(suite: Suite, runs: Sequence[Run], found: Mapping[str, Mapping[str, Any]]
-               ) -> dict[str, Any]:
+def results_of(suite: Suite, runs: Sequence[Run], found: Mapping[str, Mapping[str, Any]],
+               resolution: float = RESOLUTION) -> dict[str, Any]:
     """results.json: equal runs give equal bytes, so nothing of time is in it.
 
     Args:
         found: what SuiteFolder keeps of each run, by its key.
+        resolution: the share of a mean for which the number of seeds is told.
     """
     records = [dict(found[run.key]["record"]) for run in runs]
     return {"schema": SCHEMA, "suite": suite.as_json(), "versions": versions(), "runs": records,
-            "meaning": _meanings(runs, found), "summary": _summaries(suite, records),
-            "against_first": _against_first(suite, records)}
+            "meaning": _meanings(runs, found), "resolution": resolution,
+            "summary": _summaries(suite, records, resolution),
+            "against_first": _against_first(suite, records, resolution)}
 
 
 def _meanings(runs: Sequence[Run], found: Mapping[str, Mapping[str, Any]]
@@ -49,19 +51,22 @@ def _meanings(runs: Sequence[Run], found: Mapping[str, Mapping[str, Any]]
     return out
 
 
-def _summaries(suite: Suite, records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _summaries(suite: Suite, records: Iterable[Mapping[str, Any]], resolution: float
+               ) -> list[dict[str, Any]]:
     """One for each case, point and system: how many runs came through, and every metric shown."""
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for record in records:
         groups.setdefault(_cell(record), []).append(record)
-    return [_summary(group, (*suite.metrics, *COVERAGES)) for group in groups.values()]
+    return [_summary(group, (*suite.metrics, *COVERAGES), resolution)
+            for group in groups.values()]
 
 
 def _cell(record: Mapping[str, Any]) -> tuple[str, str, str]:
     return str(record["case"]), repr(record["point"]), str(record["system"])
 
 
-def _summary(group: list[Mapping[str, Any]], metrics: Iterable[str]) -> dict[str, Any]:
+def _summary(group: list[Mapping[str, Any]], metrics: Iterable[str], resolution: float
+             ) -> dict[str, Any]:
     first = group[0]
     out = {"case": first["case"], "point": first["point"], "system": first["system"],
            "runs": len(group),
@@ -73,7 +78,7 @@ def _summary(group: list[Mapping[str, Any]], metrics: Iterable[str]) -> dict[str
                   if name in record.get("metrics", {})]
         if values:
             out["metrics"][name] = interval_json(values) \
-                | {"seeds_for_5_percent": _seeds_for(values)}
+                | {"seeds_needed": _seeds_for(values, resolution)}
     return out
 
 
@@ -83,12 +88,13 @@ def interval_json(values: Sequence[float]) -> dict[str, Any]:
     return {"mean": found.mean, "low": found.low, "high": found.high, "n": found.n}
 
 
-def _seeds_for(values: Sequence[float]) -> int | None:
+def _seeds_for(values: Sequence[float], resolution: float) -> int | None:
     mean = abs(float(np.mean(values)))
-    return seeds_needed(values, RESOLUTION * mean) if mean > 0 else None
+    return seeds_needed(values, resolution * mean) if mean > 0 else None
 
 
-def _against_first(suite: Suite, records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _against_first(suite: Suite, records: Sequence[Mapping[str, Any]], resolution: float
+                   ) -> list[dict[str, Any]]:
     """Each other system against the first, on equal sequences: the mean change for the worse."""
     first = suite.systems[0]
     base = {(r["case"], repr(r["point"]), r["seed"]): r for r in records if r["system"] == first}
@@ -104,9 +110,16 @@ def _against_first(suite: Suite, records: Sequence[Mapping[str, Any]]) -> list[d
                 pairs.setdefault((*_cell(record), name), []).append(
                     (other["metrics"][name], record["metrics"][name]))
     return [{"case": case, "point": points[point], "system": system, "first": first,
-             "metric": name, "relative": METRICS[name].relative,
-             **interval_json([METRICS[name].worsening(old, new) for old, new in values])}
+             "metric": name, **_paired(METRICS[name], values, resolution)}
             for (case, point, system, name), values in pairs.items()]
+
+
+def _paired(metric: Metric, values: Sequence[tuple[float, float]], resolution: float
+            ) -> dict[str, Any]:
+    """The mean change for the worse; how many pairs would tell a relative one of `resolution`."""
+    changes = [metric.worsening(old, new) for old, new in values]
+    out = {"relative": metric.relative, **interval_json(changes)}
+    return out | ({"seeds_needed": seeds_needed(changes, resolution)} if metric.relative else {})
 
 
 def results_csv(results: Mapping[str, Any]) -> str:

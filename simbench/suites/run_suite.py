@@ -18,7 +18,7 @@ from simbench.storage import write_bytes, write_json
 from simbench.suites.folder import SuiteFolder
 from simbench.suites.jobs import Run, Task, runs_of, tasks_of
 from simbench.suites.pool import Opener, dask_workers, local_workers, perform_all
-from simbench.suites.results import results_csv, results_of
+from simbench.suites.results import RESOLUTION, results_csv, results_of
 from simbench.suites.spec import Suite
 from simbench.suites.work import HowToWork, TaskResult
 from slam.types import Intrinsics
@@ -44,10 +44,12 @@ class Where:
 
 
 def run_suite(suite: Suite, out: Path, where: Where, *, resume: bool = False,
+              resolution: float = RESOLUTION,
               on_run: Callable[[int], None] = lambda done: None) -> dict[str, Any]:
     """Do all runs of a suite that are not done yet, and write its results.
 
     Args:
+        resolution: the share of a mean for which the number of seeds is told.
         on_run: called with the number of runs that are done, whenever that grows.
     Returns:
         results.json.
@@ -60,7 +62,7 @@ def run_suite(suite: Suite, out: Path, where: Where, *, resume: bool = False,
     folder.claim(suite, resume)
     runs = runs_of(suite)
     found = finished(runs, folder, where, on_run)
-    results = results_of(suite, runs, found)
+    results = results_of(suite, runs, found, resolution)
     write_json(out / "timing.json", {run.folder: found[run.key]["timing"] for run in runs})
     write_bytes(out / "results.csv", results_csv(results).encode())
     write_bytes(out / "report.html", render_suite(

@@ -27,11 +27,12 @@ class SequenceSpec:
     scene: str = ""
     folder: str = ""
     calibration: str = ""
-    dials: tuple[tuple[str, float], ...] = ()
+    dials: tuple[tuple[str, float | str], ...] = ()
     seed: int = 0
     frames: int | None = None
     size: tuple[int, int] | None = None
     fps: float | None = None
+    stereo: bool = False            # of a scene: frames have a right picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class Case:
     frames: int | None = None
     size: tuple[int, int] | None = None
     fps: float | None = None
-    dials: Mapping[str, float] = field(default_factory=dict)
+    dials: Mapping[str, float | str] = field(default_factory=dict)
     inputs: Mapping[str, Value] = field(default_factory=dict)
     sensor_settings: Mapping[str, Value] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
@@ -69,7 +70,7 @@ class Case:
             elif name.startswith(SETTING):
                 settings.append(f"{name.removeprefix(SETTING)}={value}")
             else:
-                dials[name] = float(value)
+                dials[name] = value if isinstance(value, str) else float(value)
         return replace(self, dials=dials, inputs=inputs, sensor_settings=sensor,
                        settings=tuple(settings), sweep=())
 
@@ -77,7 +78,8 @@ class Case:
         """The frames of this case, nothing swept any more, at a seed."""
         return SequenceSpec(self.scene, self.folder, self.calibration,
                             tuple(sorted(self.dials.items())), 0 if self.folder else seed,
-                            self.frames, self.size, self.fps)
+                            self.frames, self.size, self.fps,
+                            bool(self.scene) and self.inputs.get("depth") == "stereo")
 
     def choice(self) -> InputChoice:
         """What the systems are given. On scenes what is not named is true, but a sensor's depth.

@@ -48,8 +48,8 @@ def rendered(spec: SequenceSpec, runs: int = 1) -> Iterator[SimulatedSequence]:
     camera = world.layout.intrinsics
     fit = runs > 1 and frames * _BYTES_A_PIXEL * camera.width * camera.height <= _MEMORY_BYTES
     try:
-        yield (SimulatedSequence(world, renderer, frames, frames) if fit
-               else SimulatedSequence(world, renderer, frames))
+        yield (SimulatedSequence(world, renderer, frames, frames, stereo=spec.stereo) if fit
+               else SimulatedSequence(world, renderer, frames, stereo=spec.stereo))
     finally:
         renderer.close()
 
@@ -58,5 +58,5 @@ def generate_settings(spec: SequenceSpec, sensor: str) -> GenerateSettings:
     """What renders this sequence to disk. Raises UserError on a wrong value."""
     return GenerateSettings.resolve(spec.scene, seed=spec.seed, frames=spec.frames,
                                     size=spec.size, fps=spec.fps, sensor=sensor,
-                                    dials=dict(spec.dials))
+                                    dials=dict(spec.dials), stereo=spec.stereo)
 

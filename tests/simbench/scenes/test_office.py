@@ -129,3 +129,9 @@ def test_choices_go_by_name_or_number():
         spec.resolve_dials({"people": "running"})
     with pytest.raises(UserError, match="speed=fast must be a number from 0 to 2"):
         spec.resolve_dials({"speed": "fast"})
+
+
+@pytest.mark.parametrize("people", PEOPLE)
+def test_detectors_know_people_and_chairs_with_masks(people):
+    for each in office(people=people).layout.objects:
+        assert each.category == each.name.split()[0]

@@ -1,5 +1,6 @@
 """Suites from YAML: those of the package, and what is said of a wrong one."""
 
+import numpy as np
 import pytest
 
 from simbench.errors import BadFile, UnknownName, UserError
@@ -7,6 +8,7 @@ from simbench.suites.files import list_suites, load_suite, read_suite
 from simbench.suites.jobs import runs_of, tasks_of
 from simbench.suites.run_suite import check_names
 from simbench.suites.spec import parse_seeds
+from simbench.suites.stage import opened
 
 GOOD = """
 schema: 1
@@ -78,6 +80,19 @@ def test_a_wrong_file_is_one_line_that_says_where(tmp_path, old, new, message):
     assert "\n" not in str(raised.value)
 
 
+def test_a_dial_of_named_values_takes_their_names(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(GOOD.replace("speed: 2", "people: none").replace("texture: [1, 0.5]",
+                    "camera_motion: [rpy, static]").replace("SwingingBoxes", "Office"))
+    suite = load_suite(str(path))
+    check_names(suite)
+    assert {run.sequence.dials for run in runs_of(suite)} == {
+        (("camera_motion", motion), ("people", "none")) for motion in ("rpy", "static")}
+    path.write_text(path.read_text().replace("rpy", "rpi"))
+    with pytest.raises(UserError, match="camera_motion=rpi must be one of"):
+        check_names(load_suite(str(path)))
+
+
 def test_wrong_names_are_told_before_anything_runs(tmp_path):
     with pytest.raises(UnknownName, match="did you mean 'smoke'"):
         load_suite("smok")
@@ -98,3 +113,15 @@ def test_seeds_are_ranges_and_numbers():
     for wrong in ("", "a", "1-", "3-1", "1,1", "-1", "0-99999"):
         with pytest.raises(UserError):
             parse_seeds(wrong)
+
+
+def test_depth_from_stereo_asks_for_right_pictures(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(GOOD.replace("sensor: gaussian", "sensor: gaussian, depth: stereo"))
+    runs = runs_of(load_suite(str(path)))
+    assert all(run.sequence.stereo for run in runs)
+    with opened(runs[0].sequence, 2, None, False) as sequence:
+        frame = sequence.frame(1)
+        assert frame.right is not None
+        assert np.any(frame.right != frame.rgb)
+        assert sequence.right(1) is sequence.right(1)   # kept for the next system

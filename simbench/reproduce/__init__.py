@@ -1,0 +1,1 @@
+"""A paper's tables: its numbers as printed, beside ours on synthetic counterparts."""
