@@ -162,6 +162,7 @@ _SCENES: dict[str, SceneSpec] = {}
 def register_scene(spec: SceneSpec | None = None, /, **fields: Any) -> SceneSpec:
     """Make a scene known by its name; either a SceneSpec or its fields as keywords.
 
+    The same function registers its scene anew where a notebook's cell or a file is run again.
     Raises:
         UserError: the fields do not make a scene, or the name is taken by another scene.
     """
@@ -172,12 +173,18 @@ def register_scene(spec: SceneSpec | None = None, /, **fields: Any) -> SceneSpec
             raise UserError(f"register_scene: {error}".replace("SceneSpec.__init__() ", "")) \
                 from None
     known = _SCENES.get(spec.name)
-    if known is not None and known != spec:
+    if known is not None and known != spec and _home(known) != _home(spec):
         raise UserError(f"scene {spec.name} is registered already; give yours another name "
                         "or a higher version")
     _SCENES[spec.name] = spec
     register_env(spec.name)
     return spec
+
+
+def _home(spec: SceneSpec) -> tuple[str, str]:
+    """The module and the name of the function that a scene is made by."""
+    function = spec.build if spec.motion is None else spec.motion
+    return getattr(function, "__module__", ""), getattr(function, "__qualname__", repr(function))
 
 
 def find_scene(name: str) -> SceneSpec:

@@ -86,6 +86,18 @@ def test_a_scene_registered_in_a_file_of_its_own_is_found_through_it(tmp_path, c
     assert spec in list_scenes()
 
 
+def test_a_file_that_is_run_again_registers_its_scene_anew(crate_file):
+    text = ("import simbench\ndef motion(time_s, seed, dials): return {}\n"
+            "simbench.register_scene(name='Again-v0', description='DESCRIPTION', motion=motion,\n"
+            f"                        mjcf={str(crate_file)!r})\n")
+    for description in ("first", "second"):
+        namespace = {"__name__": "a_notebook"}
+        exec(text.replace("DESCRIPTION", description), namespace)
+        assert find_scene("Again-v0").description == description
+    with pytest.raises(UserError, match="registered already"):
+        exec(text, {"__name__": "another_notebook"})
+
+
 def test_unknown_scene_names_the_nearest():
     with pytest.raises(UnknownName, match="did you mean 'SwingingBoxes-v0'"):
         find_scene("SwingingBoxs-v0")
