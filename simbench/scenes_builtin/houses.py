@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from simbench.meshes import MeshBuilder, visible_geom
+from simbench.meshes import PlacedMeshes
 from slam.geometry.arrays import Array
 
 HOUSE_DEPTH_M = 9.0
@@ -37,35 +35,13 @@ def any_facade(rng: np.random.Generator) -> HouseStyle:
     return HouseStyle(f"facade {rng.integers(FACADES)}")
 
 
-class TownMeshes:
-    """Mesh builders by neighbourhood and material: near things share a mesh, far ones do not."""
+class TownMeshes(PlacedMeshes):
+    """The meshes of a town, and how its houses look."""
 
     def __init__(self, draw_style: Callable[[np.random.Generator], HouseStyle] = any_facade
                  ) -> None:
-        self.builders: dict[tuple[str, str], MeshBuilder] = defaultdict(MeshBuilder)
+        super().__init__(_TILES)
         self.draw_style = draw_style    # of the next house
-        self.tiles = dict(_TILES)
-
-    def quads(self, place: str, material: str, corners: Array,
-              shift: tuple[float, float] = (0.0, 0.0)) -> None:
-        corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
-        if material in self.tiles:
-            self.builders[place, material].quads(corners, None, self.tiles[material], shift)
-        else:
-            uv = np.broadcast_to(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float),
-                                 (len(corners), 4, 2))
-            self.builders[place, material].quads(corners, uv)
-
-    def box(self, place: str, material: str, centre: Array, size: Array) -> None:
-        fit = material not in self.tiles
-        self.builders[place, material].box(centre, size, scale=self.tiles.get(material, 1.0),
-                                           fit=fit)
-
-    def add_to(self, spec: mujoco.MjSpec) -> None:
-        for (place, material), builder in self.builders.items():
-            if len(builder):
-                builder.add_to(spec, f"{place} {material}")
-                visible_geom(spec.worldbody, f"{place} {material}", material)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
 
 from simbench.motion import ClosedPath, Wander
 from simbench.randomise import generator, hue_rgba, set_texture
 from simbench.scene import Dial, Dials, Placement, Staging, register_scene
 from simbench.scenes_builtin.cars import SHAPES, add_car_meshes, draw_look
 from simbench.scenes_builtin.houses import HouseStyle, TownMeshes
+from simbench.scenes_builtin.pace import Pace, kept_between
 from simbench.scenes_builtin.pedestrians import add_pedestrians
 from simbench.scenes_builtin.town import LANE_M, TownPlan, build_town
 from simbench.scenes_builtin.traffic import (
@@ -66,7 +65,7 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
         add_car_meshes(spec, shape, flaps=opening > 0.0)
     raise_sun(spec, generator(seed, 1))
     parked = park_cars(spec, generator(seed, 2), _parking_spots(), _PARKED)
-    ego = _Ego.draw(generator(seed, 3), dials["camera_speed"])
+    ego = Ego.draw(generator(seed, 3), dials["camera_speed"])
     drivers = _draw_traffic(spec, generator(seed, 4), ego, round(dials["objects"]), speed)
     driving = [driver.add_to(spec, opening) for driver in drivers]
     people = add_pedestrians(spec, generator(seed, 5), _PLAN, round(dials["people"]), speed)
@@ -114,55 +113,24 @@ class _Styles:
         return name
 
 
-class _Pace:
-    """How far along a closed path a driver has come who slows down where it turns."""
-
-    _STEP_M = 0.5
-
-    def __init__(self, path: ClosedPath, round_s: float) -> None:
-        """
-        Args:
-            round_s: for the whole path.
-        """
-        count = round(path.length_m / self._STEP_M)
-        s = np.linspace(0.0, path.length_m, count + 1)
-        heading = np.unwrap([path(float(each))[1] for each in s[:-1]])
-        curvature = np.abs(np.gradient(heading, s[1]))
-        speed = np.minimum(_CRUISE_M_S, np.sqrt(_SIDEWAYS_M_S2 / np.maximum(curvature, 1e-6)))
-        speed = gaussian_filter1d(speed, 5.0 / self._STEP_M, mode="wrap")
-        clock = np.concatenate([[0.0], np.cumsum(s[1] / speed)])
-        self._round_s, self._length_m = round_s, path.length_m
-        self._way = CubicSpline(clock * (round_s / clock[-1]), s)
-        self._clock, self._s = clock * (round_s / clock[-1]), s
-
-    def __call__(self, clock_s: float) -> float:
-        """Arc length (m) at that time on the driver's own clock; it grows beyond one round."""
-        turns, rest = divmod(clock_s, self._round_s)
-        return float(turns * self._length_m + self._way(rest))
-
-    def clock_at(self, s_m: float) -> float:
-        """The time (s) at which the driver is there for the first time."""
-        return float(np.interp(s_m, self._s, self._clock))
-
-
 @dataclass(frozen=True, slots=True)
-class _Ego:
-    """The car that carries the camera."""
+class Ego:
+    """The car that carries the camera; its way and its pace are the seed's."""
 
     path: ClosedPath
     clockwise: bool
-    pace: _Pace
+    pace: Pace
     start_s: float
     hesitation: Wander     # s on the driver's clock
     eye: CarCamera
     factor: float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, factor: float) -> _Ego:
+    def draw(cls, rng: np.random.Generator, factor: float) -> Ego:
         clockwise = bool(rng.integers(2))
         lane = LANE_M / 2.0
         path = block_loop(_PLAN, -lane if clockwise else lane, clockwise)
-        pace = _Pace(path, rng.uniform(*_ROUND_S))
+        pace = Pace(path, _CRUISE_M_S, _SIDEWAYS_M_S2, rng.uniform(*_ROUND_S))
         x = rng.uniform(13.0, 17.0)
         start = path.nearest((_PLAN.width_m - x, lane) if clockwise else (x, -lane))
         return cls(path, clockwise, pace, pace.clock_at(start),
@@ -177,14 +145,14 @@ class _Ego:
         return self.eye(self.pace(self.clock(time_s)), self.factor * time_s)
 
 
-def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: _Ego, count: int,
+def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: Ego, count: int,
                   speed: float) -> tuple[Driver, ...]:
     """The driving cars, by their roles."""
     roles = _ROLES[:count]
     lane = LANE_M / 2.0
     other_path = block_loop(_PLAN, lane if ego.clockwise else -lane, not ego.clockwise)
     round_s = rng.uniform(*_ROUND_S)
-    oncoming = _Pace(other_path, round_s)
+    oncoming = Pace(other_path, _CRUISE_M_S, _SIDEWAYS_M_S2, round_s)
     first, apart = rng.uniform(0.0, round_s), round_s / max(1, roles.count("oncoming"))
     headway, drivers = rng.uniform(2.6, 3.2), []
     for number, role in enumerate(roles, start=1):
@@ -201,11 +169,11 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: _Ego, coun
     return tuple(drivers)
 
 
-def _steady(pace: _Pace, start_s: float, speed: float) -> Progress:
+def _steady(pace: Pace, start_s: float, speed: float) -> Progress:
     return lambda time_s: pace(start_s + speed * time_s)
 
 
-def _ahead_of(ego: _Ego, headway_s: float, speed: float, rng: np.random.Generator) -> Progress:
+def _ahead_of(ego: Ego, headway_s: float, speed: float, rng: np.random.Generator) -> Progress:
     """In the camera's lane, with a pace of its own, yet never too near nor too far."""
     hesitation = Wander.draw(rng, [0.15], (0.05, 0.2))
     low, high = headway_s - 2.6 + _GAP_S[0], _GAP_S[1] + headway_s
@@ -214,9 +182,7 @@ def _ahead_of(ego: _Ego, headway_s: float, speed: float, rng: np.random.Generato
         t = speed * time_s
         here = ego.clock(time_s)
         own = ego.start_s + headway_s + t + float(hesitation(t)[0])
-        gap = low + 0.2 * np.logaddexp(0.0, (own - here - low) / 0.2)         # smooth maximum
-        gap = high - 0.2 * np.logaddexp(0.0, (high - gap) / 0.2)
-        return ego.pace(here + float(gap))
+        return ego.pace(here + kept_between(own - here, low, high))
 
     return progress
 
