@@ -1,9 +1,9 @@
-"""How fast somebody goes round a closed path: slower where it turns."""
+"""How time becomes way: slower round corners, now and then standing, at a distance to others."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from simbench.motion import ClosedPath
@@ -52,3 +52,32 @@ def kept_between(gap_s: float, low_s: float, high_s: float) -> float:
     """A time ahead of somebody that goes smoothly over into its limits."""
     gap = low_s + _SOFT_S * np.logaddexp(0.0, (gap_s - low_s) / _SOFT_S)
     return float(high_s - _SOFT_S * np.logaddexp(0.0, (high_s - gap) / _SOFT_S))
+
+
+class StopAndGo:
+    """The clock of traffic that flows, comes to a stand and flows again, over and over."""
+
+    _STEP_S = 0.1
+
+    def __init__(self, period_s: float, begin_s: float) -> None:
+        """
+        Args:
+            period_s: of which two fifths flow and a third stands.
+            begin_s: where in a period, which begins with flowing, time 0 is.
+        """
+        t = np.linspace(0.0, 1.0, round(period_s / self._STEP_S) + 1)
+        brake, start = np.clip((t - 0.40) / 0.15, 0.0, 1.0), np.clip((t - 0.87) / 0.13, 0.0, 1.0)
+        flow = 1.0 - brake**2 * (3.0 - 2.0 * brake) + start**2 * (3.0 - 2.0 * start)
+        middle = 0.5 * (flow[1:] + flow[:-1]) * period_s * t[1]
+        self._clock = np.concatenate([[0.0], np.cumsum(middle)])
+        self._way = PchipInterpolator(t * period_s, self._clock)   # which never runs backwards
+        self._period_s, self._begin_s = period_s, begin_s
+        self._zero = self._at(begin_s)
+
+    def __call__(self, time_s: float) -> float:
+        """Time (s) on that clock; 0 at time 0, never backwards."""
+        return self._at(self._begin_s + time_s) - self._zero
+
+    def _at(self, time_s: float) -> float:
+        turns, rest = divmod(time_s, self._period_s)
+        return float(turns * self._clock[-1] + self._way(rest))

@@ -12,7 +12,8 @@ from simbench.motion import ClosedPath
 from simbench.scene import SceneObject
 from simbench.scenes_builtin.gait import Walker
 from simbench.scenes_builtin.people import Figure, add_person, edgeless_materials
-from simbench.scenes_builtin.town import KERB_M, ROAD_M, TownPlan
+from simbench.scenes_builtin.roadside import KERB_M
+from simbench.scenes_builtin.town import ROAD_M, TownPlan
 from slam.geometry.arrays import Array
 
 # Behind the kerb, between lamps and house fronts: room for two lanes of people.

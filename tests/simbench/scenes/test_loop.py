@@ -8,7 +8,8 @@ import pytest
 
 from simbench.randomise import generator
 from simbench.scenes_builtin.loop import Ego
-from simbench.scenes_builtin.town import KERB_M, ROAD_M, SIDEWALK_M
+from simbench.scenes_builtin.roadside import KERB_M, SIDEWALK_M
+from simbench.scenes_builtin.town import ROAD_M
 from simbench.world import make_world
 from slam.geometry import se3
 
