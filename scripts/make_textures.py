@@ -292,16 +292,86 @@ def cabin_glass(rng: np.random.Generator) -> Image:
     return 0.42 + 0.14 * streaks + 0.25 * (noise(rng, 256, 1.1) > 1.6)
 
 
+def rubble(rng: np.random.Generator) -> Image:
+    """Natural stones of all sizes in mortar."""
+    index, border = cells(rng, 512, 90)
+    tone = rng.uniform(0.42, 0.9, 90)[index]
+    rough = 0.07 * noise(rng, 512, 0.7) + 0.05 * noise(rng, 512, 1.5)
+    return np.where(border < 5.0 + 2.0 * noise(rng, 512, 1.2), 0.9, tone) + rough
+
+
+def timber(rng: np.random.Generator) -> Image:
+    """Dark beams before plaster, some of them slanting."""
+    canvas = 0.86 + 0.04 * noise(rng, 512, 1.3)
+    beams = np.zeros((512, 512))
+    for v in (0, 190, 330):
+        cv2.rectangle(beams, (0, v), (511, v + 22), 1.0, -1)
+    for u in (30, 150, 262, 410):
+        cv2.rectangle(beams, (u, 0), (u + 20, 511), 1.0, -1)
+    for a, b in (((40, 330), (150, 210)), ((420, 20), (275, 190)), ((160, 352), (262, 511)),
+                 ((511, 340), (420, 200))):
+        cv2.line(beams, a, b, 1.0, 18)
+    return np.where(beams > 0, 0.30 + 0.08 * noise(rng, 512, 1.0, stretch=4.0), canvas)
+
+
+def tiles(rng: np.random.Generator) -> Image:
+    """Small glazed tiles, every fifth row dark, with a few that were replaced."""
+    joint, block = grid_lines(512, 20, 20, 3)
+    tone = rng.uniform(-0.07, 0.07, block.max() + 1) - 0.4 * (rng.uniform(size=400) < 0.04)
+    dark = np.where(np.mgrid[0:512, 0:512][0] * 20 // 512 % 5 == 0, -0.32, 0.0)
+    return np.where(joint > 0, 0.55, 0.82 + tone[block] + dark) + 0.03 * noise(rng, 512, 0.8)
+
+
+def panels(rng: np.random.Generator) -> Image:
+    """Large cladding panels of two tones with stains below their joints."""
+    joint, block = grid_lines(512, 5, 3, 5, 0.33)
+    tone = rng.uniform(-0.22, 0.16, block.max() + 1)[block]
+    drips = np.clip(noise(rng, 512, 1.2, stretch=0.15), 0.0, 2.0)
+    return np.where(joint > 0, 0.22, 0.74 + tone - 0.08 * drips) + 0.03 * noise(rng, 512, 0.5)
+
+
+def casement(rng: np.random.Generator) -> Image:
+    """A window of six small panes between slatted shutters."""
+    size = 256
+    v, u = np.mgrid[0:size, 0:size]
+    glass = 0.16 + 0.22 * (1 - v / size) + 0.08 * noise(rng, size, 1.8)
+    canvas = np.where((np.abs(u - 128) < 5) | (v % 85 < 6), 0.95, glass)
+    shutter = 0.45 + 0.16 * (v % 14 < 4) + 0.04 * noise(rng, size, 1.0)
+    canvas = np.where((u < 62) | (u > 194), shutter, canvas)
+    rim = (np.minimum(v, size - 1 - v) < 8) | (np.abs(u - 62) < 6) | (np.abs(u - 194) < 6)
+    return np.where(rim, 0.9, canvas)
+
+
+def blind(rng: np.random.Generator) -> Image:
+    """A wide pane with a half-drawn blind and things on the sill."""
+    size = 256
+    v, u = np.mgrid[0:size, 0:size]
+    glass = 0.34 + 0.2 * np.sin((u + v) / 90.0) + 0.06 * noise(rng, size, 1.9)
+    canvas = np.where(v < 120, 0.72 + 0.12 * (v % 12 < 4), glass)
+    for at in (36, 88, 170, 206):
+        cv2.ellipse(canvas, (at, 226), (14, 22), 0, 0, 360, float(rng.uniform(0.1, 0.9)), -1)
+    rim = (np.minimum(u, size - 1 - u) < 9) | (np.minimum(v, size - 1 - v) < 9) \
+        | (np.abs(u - 150) < 5)
+    return np.where(rim, 0.25, canvas)
+
+
 DRAWN: dict[str, Callable[[np.random.Generator], Image]] = {
     f.__name__: f for f in (plaster, planks, veneer, brick, blocks, concrete, asphalt, pavers, rug,
                             fabric, triangles, squares, stars, parcel, mosaic, books, siding,
                             roller, leaves, grass, pane, door, wheel, paint, cabin_glass)}
 
 
+# Drawn later: in an order of their own, so that those above keep their pixels.
+ADDED: dict[str, Callable[[np.random.Generator], Image]] = {
+    **{f.__name__: f for f in (rubble, timber, tiles, panels, casement, blind)},
+    **{f"poster_{k}": poster for k in "efgh"}}
+
+
 def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
-    pictures = {**DRAWN, **{f"poster_{k}": poster for k in "abcd"}}
-    for number, (name, draw) in enumerate(sorted(pictures.items())):
+    first = {**DRAWN, **{f"poster_{k}": poster for k in "abcd"}}
+    pictures = [*sorted(first.items()), *ADDED.items()]
+    for number, (name, draw) in enumerate(pictures):
         image = np.clip(draw(np.random.default_rng(number + 1)), 0.0, 1.0)
         steps = np.rint(image * (LEVELS - 1)) * (255.0 / (LEVELS - 1))
         path = FOLDER / f"{name}.png"

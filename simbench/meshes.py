@@ -6,6 +6,7 @@ Software OpenGL and ray casting both pay for every geom; a mesh of thousands of 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
@@ -96,6 +97,41 @@ class MeshBuilder:
         mesh.usertexcoord = uv.reshape(-1).tolist()
         faces = faces[area > 1e-10].reshape(-1).tolist()
         mesh.userface, mesh.userfacenormal, mesh.userfacetexcoord = faces, faces, faces
+
+
+class PlacedMeshes:
+    """Mesh builders by place and material: near things share a mesh, far ones do not."""
+
+    def __init__(self, tiles: Mapping[str, float]) -> None:
+        """
+        Args:
+            tiles: texture tiles per metre by material; others have one tile to each face.
+        """
+        self.builders: dict[tuple[str, str], MeshBuilder] = defaultdict(MeshBuilder)
+        self.tiles = dict(tiles)
+
+    def quads(self, place: str, material: str, corners: ArrayLike,
+              shift: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Add quads (Q, 4, 3) m, counter-clockwise as seen from outside."""
+        corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        if material in self.tiles:
+            self.builders[place, material].quads(corners, None, self.tiles[material], shift)
+        else:
+            uv = np.broadcast_to(_FIT_UV, (len(corners), 4, 2))
+            self.builders[place, material].quads(corners, uv)
+
+    def box(self, place: str, material: str, centre: ArrayLike, size: ArrayLike) -> None:
+        """Add an upright box of full `size` (3,)."""
+        fit = material not in self.tiles
+        self.builders[place, material].box(centre, size, scale=self.tiles.get(material, 1.0),
+                                           fit=fit)
+
+    def add_to(self, spec: mujoco.MjSpec) -> None:
+        """Show all of it on the world body."""
+        for (place, material), builder in self.builders.items():
+            if len(builder):
+                builder.add_to(spec, f"{place} {material}")
+                visible_geom(spec.worldbody, f"{place} {material}", material)
 
 
 def metric_uv(corners: Array) -> Array:

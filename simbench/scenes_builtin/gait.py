@@ -33,6 +33,7 @@ class Walker:
     path: Path
     progress: Callable[[float], float]    # time (s) to arc length (m)
     pushes: bool = False                  # arms held out, as behind a chair
+    floor_m: float = 0.0                  # height of the ground they walk on
 
     @property
     def step_m(self) -> float:
@@ -43,7 +44,7 @@ class Walker:
         s, k = self.progress(time_s), self.figure.scale
         position, heading = self.path(s)
         phase = np.pi * s / self.step_m              # a turn is two steps
-        height = k * (0.876 - 0.014 * np.cos(2.0 * phase))
+        height = self.floor_m + k * (0.876 - 0.014 * np.cos(2.0 * phase))
         T_world_pelvis = pose([*position, height], heading)
         swing = np.deg2rad(24.0) * np.sin(phase + 0.25 * np.pi)
         placed: dict[str, Array | float] = {
@@ -82,7 +83,8 @@ class Walker:
         ball, up = _BALL_M * figure.scale, figure.ankle
         forward = ball * back + up * rise
         xy = here[:2] + forward * np.array([np.cos(here[2]), np.sin(here[2])])
-        return np.array([*xy, up + ball * rise - up * back + lift]), float(here[2]), float(pitch)
+        ankle = self.floor_m + (up + ball * rise - up * back + lift)
+        return np.array([*xy, ankle]), float(here[2]), float(pitch)
 
     def _footprint(self, s: float, sign: float) -> Array:
         """Position and heading (3,) of the footprint at that arc length."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from simbench.meshes import MeshBuilder, visible_geom
+from simbench.meshes import PlacedMeshes
 from slam.geometry.arrays import Array
 
 HOUSE_DEPTH_M = 9.0
@@ -21,31 +20,28 @@ _TILES = {"road": 0.24, "patch": 0.4, "marking": 0.8, "sidewalk": 0.42, "lawn": 
           **{f"facade {k}": 0.32 for k in range(FACADES)}}
 
 
-class TownMeshes:
-    """Mesh builders by neighbourhood and material: near things share a mesh, far ones do not."""
+@dataclass(frozen=True, slots=True)
+class HouseStyle:
+    """Materials of a house."""
 
-    def __init__(self) -> None:
-        self.builders: dict[tuple[str, str], MeshBuilder] = defaultdict(MeshBuilder)
+    facade: str
+    pane: str = "pane"
+    door: str = "door"
+    signs: tuple[str, str] = ("sign a", "sign b")
 
-    def quads(self, place: str, material: str, corners: Array,
-              shift: tuple[float, float] = (0.0, 0.0)) -> None:
-        corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
-        if material in _TILES:
-            self.builders[place, material].quads(corners, None, _TILES[material], shift)
-        else:
-            uv = np.broadcast_to(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float),
-                                 (len(corners), 4, 2))
-            self.builders[place, material].quads(corners, uv)
 
-    def box(self, place: str, material: str, centre: Array, size: Array) -> None:
-        fit = material not in _TILES
-        self.builders[place, material].box(centre, size, scale=_TILES.get(material, 1.0), fit=fit)
+def any_facade(rng: np.random.Generator) -> HouseStyle:
+    """One of the facades, which other houses may have, too."""
+    return HouseStyle(f"facade {rng.integers(FACADES)}")
 
-    def add_to(self, spec: mujoco.MjSpec) -> None:
-        for (place, material), builder in self.builders.items():
-            if len(builder):
-                builder.add_to(spec, f"{place} {material}")
-                visible_geom(spec.worldbody, f"{place} {material}", material)
+
+class TownMeshes(PlacedMeshes):
+    """The meshes of a town, and how its houses look."""
+
+    def __init__(self, draw_style: Callable[[np.random.Generator], HouseStyle] = any_facade
+                 ) -> None:
+        super().__init__(_TILES)
+        self.draw_style = draw_style    # of the next house
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +77,7 @@ class Wall:
 def build_house(town: TownMeshes, rng: np.random.Generator, place: str, front: Wall,
                  width: float, flanks: tuple[bool, bool] = (False, False)) -> None:
     """A house `width` wide; `flanks`: has it windows on its right and on its left side?"""
-    material = f"facade {rng.integers(FACADES)}"
+    style = town.draw_style(rng)
     storeys = int(rng.integers(2, 5))
     height = storeys * _STOREY_M + 0.7
     shop, sills = rng.uniform() < 0.35, rng.uniform() < 0.6
@@ -94,12 +90,12 @@ def build_house(town: TownMeshes, rng: np.random.Generator, place: str, front: W
     for k, wall in enumerate(sides):
         length = width if k % 2 == 0 else HOUSE_DEPTH_M
         if k == 0:
-            _build_facade(town, rng, place, wall, length, storeys, material, shop, sills, shift)
+            _build_facade(town, rng, place, wall, length, storeys, style, shop, sills, shift)
         elif k % 2 == 1 and flanks[k // 2]:
-            _build_facade(town, rng, place, wall, length, storeys, material, False, False, shift,
+            _build_facade(town, rng, place, wall, length, storeys, style, False, False, shift,
                           doors=False)
         else:
-            town.quads(place, material, wall.quad(0.0, length, 0.0, height), shift)
+            town.quads(place, style.facade, wall.quad(0.0, length, 0.0, height), shift)
     top = [np.array(wall.at(0.0, height)) for wall in sides]
     town.quads(place, "roof", np.stack(top))
     town.quads(place, "trim", front.slab(0.02, width - 0.02, height - 0.42, height - 0.12, 0.22))
@@ -108,7 +104,7 @@ def build_house(town: TownMeshes, rng: np.random.Generator, place: str, front: W
 
 
 def _build_facade(town: TownMeshes, rng: np.random.Generator, place: str, wall: Wall, width: float,
-                  storeys: int, material: str, shop: bool, sills: bool,
+                  storeys: int, style: HouseStyle, shop: bool, sills: bool,
                   shift: tuple[float, float], doors: bool = True) -> None:
     """A wall with windows and a door set back into it; all corners meet, nothing overlaps."""
     columns = max(1, int((width - 0.8) / 2.5))
@@ -125,19 +121,19 @@ def _build_facade(town: TownMeshes, rng: np.random.Generator, place: str, wall: 
             column, storey = i // 2, j // 2
             opening = i % 2 == 1 and column in {door, roller} and j < 2
             if opening and j == 0:
-                town.quads(place, material, wall.recess(s[i], s[i + 1], 0.0, z[2], _REVEAL_M)[1:],
-                           shift)
-                town.quads(place, "door" if column == door else "roller",
+                hole = wall.recess(s[i], s[i + 1], 0.0, z[2], _REVEAL_M)
+                town.quads(place, style.facade, hole[1:], shift)
+                town.quads(place, style.door if column == door else "roller",
                            wall.quad(s[i], s[i + 1], 0.0, z[2], -_REVEAL_M))
             elif i % 2 == 1 and j % 2 == 1 and not opening:
-                town.quads(place, material, wall.recess(s[i], s[i + 1], z[j], z[j + 1], _REVEAL_M),
-                           shift)
-                town.quads(place, "pane", wall.quad(s[i], s[i + 1], z[j], z[j + 1], -_REVEAL_M))
+                hole = wall.recess(s[i], s[i + 1], z[j], z[j + 1], _REVEAL_M)
+                town.quads(place, style.facade, hole, shift)
+                town.quads(place, style.pane, wall.quad(s[i], s[i + 1], z[j], z[j + 1], -_REVEAL_M))
                 if sills:
                     town.quads(place, "trim", wall.slab(
                         s[i] - 0.1, s[i + 1] + 0.1, z[j] - 0.12, z[j] - 0.02, 0.11))
             elif not opening:
-                town.quads(place, material, wall.quad(s[i], s[i + 1], z[j], z[j + 1]), shift)
+                town.quads(place, style.facade, wall.quad(s[i], s[i + 1], z[j], z[j + 1]), shift)
             if storey == 0 and shop and doors and j == 2 and i % 2 == 1:
-                town.quads(place, f"sign {'ab'[column % 2]}", wall.slab(
+                town.quads(place, style.signs[column % 2], wall.slab(
                     s[i] - 0.05, s[i + 1] + 0.05, z[2] + 0.06, z[2] + 0.36, 0.10))

@@ -48,8 +48,9 @@ class Figure:
         return 0.09 * self.scale
 
 
-def add_person(spec: mujoco.MjSpec, name: str, figure: Figure, rng: np.random.Generator) -> None:
-    """A person as a child of the world: origin between the hips, x forward, z up.
+def add_person(spec: mujoco.MjSpec, name: str, figure: Figure, rng: np.random.Generator,
+               parent: mujoco.MjsBody | None = None) -> mujoco.MjsBody:
+    """A person, a child of the world or of `parent`: origin between the hips, x forward, z up.
 
     Hinges are named "<name> lean", "... twist", "... nod", "... look" (chest and head), and for
     each side "... left shoulder", "... left spread", "... left elbow", "... left turn",
@@ -67,7 +68,7 @@ def add_person(spec: mujoco.MjSpec, name: str, figure: Figure, rng: np.random.Ge
             visible_geom(body, f"{name} {part}", materials[part])
 
     y, x, z = [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
-    pelvis = spec.worldbody.add_body(name=name)
+    pelvis = (parent or spec.worldbody).add_body(name=name)
     show(pelvis, "pelvis")
     chest = add_hinged(pelvis, f"{name} chest", [0.0, 0.0, 0.08 * k],
                        {f"{name} lean": y, f"{name} twist": z})
@@ -92,6 +93,7 @@ def add_person(spec: mujoco.MjSpec, name: str, figure: Figure, rng: np.random.Ge
         foot = add_hinged(shank, f"{name} {side} foot", [0.0, 0.0, -figure.shank],
                           {f"{name} {side} ankle": y})
         show(foot, "shoe")
+    return pelvis
 
 
 def edgeless_materials(name: str) -> tuple[str, ...]:

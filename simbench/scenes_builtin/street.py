@@ -11,24 +11,42 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from simbench.motion import ClosedPath, Wander, camera_from_body, pose
+from simbench.motion import ClosedPath, Wander
 from simbench.randomise import generator
-from simbench.scene import Dial, Dials, Placement, SceneObject, Staging, register_scene
-from simbench.scenes_builtin.cars import (
-    SHAPES,
-    CarLook,
-    add_car,
-    add_car_meshes,
-    draw_look,
-    flap_angles,
+from simbench.scene import Dial, Dials, Placement, Staging, choice_dial, register_scene
+from simbench.scenes_builtin.cars import SHAPES, add_car_meshes, draw_look
+from simbench.scenes_builtin.cyclists import BESIDE_LANE_M, Cyclist
+from simbench.scenes_builtin.houses import TownMeshes
+from simbench.scenes_builtin.pace import StopAndGo
+from simbench.scenes_builtin.town import (
+    LANE_M,
+    ROAD_M,
+    SURROUNDINGS,
+    TownPlan,
+    build_town,
+    choose_facades,
 )
-from simbench.scenes_builtin.town import HEIGHT_M, LANE_M, ROAD_M, WIDTH_M, build_town
+from simbench.scenes_builtin.traffic import (
+    PARKING_M,
+    CarCamera,
+    Driver,
+    Progress,
+    Spot,
+    block_loop,
+    park_cars,
+    raise_sun,
+    sun_over,
+)
 from slam.geometry.arrays import Array
 
-_CAMERA_HEIGHT_M = 1.65
-_TURN_RADIUS_M = 9.0       # of the middle line
+ROUTES = ("turning", "straight")
+TRAFFIC = ("flowing", "stopped")
+_WIDTHS_M = {"turning": 80.0, "straight": 150.0}
+_HEIGHT_M = 64.0
+_START_M = {"turning": (39.0, 46.0), "straight": (18.0, 25.0)}   # the camera's x at first
+_STOP_PERIOD_S = 12.0      # from one standstill of stopped traffic to the next
 _GAP_M = (8.5, 60.0)       # cars ahead keep this distance from the camera, whatever the dials say
-_PARKED = 14
+_PARKED = 14               # a block of 80 m
 # In this order cars join as `objects` grows.
 _ROLES = ("ahead", "oncoming", "turning", "ahead", "oncoming", "oncoming", "oncoming", "ahead",
           "oncoming", "oncoming", "oncoming", "oncoming")
@@ -37,70 +55,55 @@ DIALS = (
     Dial("rigidity", 1.0, 0.0, 1.0, "below 1 doors and tailgates of driving cars open and close"),
     Dial("speed", 1.0, 0.0, 3.0, "of the driving cars, as a factor of 6 to 8 m/s"),
     Dial("camera_speed", 1.0, 0.0, 3.0, "of the camera's car, as a factor of 6 to 7.5 m/s"),
-    Dial("objects", 7.0, 1.0, float(len(_ROLES)), "number of driving cars",
-         integer=True),
+    Dial("objects", 7.0, 0.0, float(len(_ROLES)), "number of driving cars", integer=True),
+    choice_dial("surroundings", SURROUNDINGS, "beside the road: houses, open fields or tall trees"),
+    choice_dial("route", ROUTES, "round a corner after some seconds, or straight on"),
+    choice_dial("traffic", TRAFFIC, "stopped: camera and cars come to a stand and start again"),
+    Dial("cyclists", 0.0, 0.0, 3.0, "number of people on bicycles, who pedal", integer=True),
+    Dial("limbs", 1.0, 0.0, 1.0, "share of their usual way that cyclists' feet go round; "
+         "0: they sit still"),
 )
 
-Progress = Callable[[float], float]   # time (s) to arc length (m) along a path
-
-
-@dataclass(frozen=True, slots=True)
-class _Driver:
-    """A driving car: where it goes, and how its doors flap."""
-
-    name: str
-    look: CarLook
-    path: ClosedPath
-    progress: Progress
-    flap_hz: Array      # (3,)
-    flap_phase: Array   # (3,) rad
+Clock = Callable[[float], float]      # time (s) to the time that has flowed for the traffic
 
 
 def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     """Build the town, park cars in it, and set others going."""
-    build_town(spec, generator(seed, 0))
-    opening = 1.0 - dials["rigidity"]
+    looks = generator(seed, 0)
+    choose_facades(spec, looks)
+    route = ROUTES[int(dials["route"])]
+    plan = TownPlan(_WIDTHS_M[route], _HEIGHT_M, SURROUNDINGS[int(dials["surroundings"])])
+    build_town(spec, looks, plan, TownMeshes())
+    opening, speed = 1.0 - dials["rigidity"], dials["speed"]
     for shape in SHAPES:
         add_car_meshes(spec, shape, flaps=opening > 0.0)
-    _raise_sun(spec, generator(seed, 1))
-    parked = _park(spec, generator(seed, 2))
-    ego = _Ego.draw(generator(seed, 3), dials["camera_speed"])
-    drivers = _draw_traffic(spec, generator(seed, 4), ego, round(dials["objects"]), dials["speed"])
-    for driver in drivers:
-        add_car(spec, driver.name, driver.look, flaps=opening > 0.0, rolls=True)
+    raise_sun(spec, generator(seed, 1))
+    parked = park_cars(spec, generator(seed, 2), _parking_spots(plan),
+                       round(_PARKED * plan.width_m / _WIDTHS_M["turning"]))
+    clock = _flowing if TRAFFIC[int(dials["traffic"])] == "flowing" else StopAndGo(
+        _STOP_PERIOD_S, float(generator(seed, 6).uniform(0.0, 2.0)))
+    ego = _Ego.draw(generator(seed, 3), plan, _START_M[route], clock, dials["camera_speed"])
+    drivers = _draw_traffic(spec, generator(seed, 4), plan, ego, round(dials["objects"]), speed)
+    driving = [driver.add_to(spec, opening) for driver in drivers]
+    cyclists = _draw_cyclists(spec, generator(seed, 5), plan, ego, dials)
 
     def script(time_s: float) -> Placement:
         T_world_camera = ego.camera(time_s)
         placement: dict[str, Array | float] = {
-            "camera": T_world_camera, "sun": pose([*T_world_camera[:2, 3], 0.0])}
+            "camera": T_world_camera, "sun": sun_over(T_world_camera)}
         for driver in drivers:
-            travelled = driver.progress(time_s)
-            placement[driver.name] = _on_road(driver.path, travelled)
-            for wheel in range(4):
-                placement[f"{driver.name} wheel {wheel}"] = travelled \
-                    / driver.look.shape.wheel_radius
-            if opening > 0.0:
-                turn = 2.0 * np.pi * driver.flap_hz * dials["speed"] * time_s + driver.flap_phase
-                placement |= flap_angles(driver.name, opening * 0.5 * (1.0 - np.cos(turn)))
+            placement |= driver.placed(time_s, opening, speed)
+        for cyclist in cyclists:
+            placement |= cyclist.placed(time_s)
         return placement
 
-    objects = [SceneObject(driver.name, rigid=opening == 0.0, category="car") for driver in drivers]
-    objects += [SceneObject(name, rigid=True, category="car") for name in parked]
-    return Staging(script, tuple(objects), shortest_edge_m=0.25, edgeless=("leaves",))
+    return Staging(script, (*driving, *parked, *(each.object for each in cyclists)),
+                   shortest_edge_m=0.25, edgeless=("leaves", *(
+                       material for each in cyclists for material in each.edgeless)))
 
 
-def _block_loop(outwards_m: float, clockwise: bool) -> ClosedPath:
-    """A way round the block, `outwards_m` from the middle of the roads."""
-    o = outwards_m
-    corners = np.array([[-o, -o], [WIDTH_M + o, -o], [WIDTH_M + o, HEIGHT_M + o],
-                        [-o, HEIGHT_M + o]])
-    return ClosedPath(corners[::-1] if clockwise else corners, _TURN_RADIUS_M + o)
-
-
-def _on_road(path: ClosedPath, travelled_m: float) -> Array:
-    """T_world_car (4, 4) after that way along the path."""
-    position, heading = path(travelled_m)
-    return pose([*position, 0.0], heading)
+def _flowing(time_s: float) -> float:
+    return time_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,35 +114,32 @@ class _Ego:
     start_m: float
     speed_m_s: float
     pace: Wander       # m along the way
-    sway: Wander       # m: sideways, up; rad: yaw, pitch, roll
+    eye: CarCamera
+    clock: Clock
     factor: float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, factor: float) -> _Ego:
-        path = _block_loop(LANE_M / 2.0, clockwise=False)
-        start = path.nearest((rng.uniform(39.0, 46.0), -LANE_M / 2.0))
+    def draw(cls, rng: np.random.Generator, plan: TownPlan, start_m: tuple[float, float],
+             clock: Clock, factor: float) -> _Ego:
+        path = block_loop(plan, LANE_M / 2.0, clockwise=False)
+        start = path.nearest((rng.uniform(*start_m), -LANE_M / 2.0))
         return cls(path, start, rng.uniform(6.0, 7.5), Wander.draw(rng, [0.6], (0.05, 0.15)),
-                   Wander.draw(rng, [0.05, 0.008, *np.deg2rad([0.35, 0.30, 0.25])], (0.2, 1.2)),
-                   factor)
+                   CarCamera.draw(rng, path), clock, factor)
 
     def progress(self, time_s: float) -> float:
-        t = self.factor * time_s
+        t = self.factor * self.clock(time_s)
         return self.start_m + self.speed_m_s * t + float(self.pace(t)[0])
 
     def camera(self, time_s: float) -> Array:
         """T_world_camera (4, 4)."""
-        position, heading = self.path(self.progress(time_s))
-        side, up, yaw, pitch, roll = self.sway(self.factor * time_s)
-        left = np.array([-np.sin(heading), np.cos(heading)])
-        return camera_from_body(pose([*(position + side * left), _CAMERA_HEIGHT_M + up],
-                                     heading + yaw, pitch, roll))
+        return self.eye(self.progress(time_s), self.factor * self.clock(time_s))
 
 
-def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: _Ego, count: int,
-                  speed: float) -> tuple[_Driver, ...]:
+def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, plan: TownPlan, ego: _Ego,
+                  count: int, speed: float) -> tuple[Driver, ...]:
     """The driving cars, by their roles."""
     roles = _ROLES[:count]
-    oncoming = _block_loop(-LANE_M / 2.0, clockwise=True)
+    oncoming = block_loop(plan, -LANE_M / 2.0, clockwise=True)
     # The first one comes into sight, 30 m ahead, soon after the start.
     ahead_xy, _ = ego.path(ego.start_m + 30.0)
     first = oncoming.nearest((ahead_xy[0], LANE_M / 2.0)) - rng.uniform(0.0, 12.0)
@@ -154,17 +154,32 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: _Ego, coun
         elif role == "oncoming":
             nth = roles[:number].count("oncoming") - 1
             path = oncoming
-            progress = _steady(first - nth * apart, oncoming_speed)
+            progress = _steady(first - nth * apart, oncoming_speed, ego.clock)
         else:
-            path, progress = _turning(rng, speed)
+            path, progress = _turning(rng, plan, speed)
         shapes = SHAPES[:2] if role == "ahead" else SHAPES
-        drivers.append(_Driver(name, draw_look(spec, rng, name, shapes), path, progress,
-                               rng.uniform(0.25, 0.6, 3), rng.uniform(0.0, 2.0 * np.pi, 3)))
+        drivers.append(Driver.draw(rng, name, draw_look(spec, rng, name, shapes), path, progress))
     return tuple(drivers)
 
 
-def _steady(start_m: float, speed_m_s: float) -> Progress:
-    return lambda time_s: start_m + speed_m_s * time_s
+def _draw_cyclists(spec: mujoco.MjSpec, rng: np.random.Generator, plan: TownPlan, ego: _Ego,
+                   dials: Dials) -> list[Cyclist]:
+    """One whom the camera overtakes, one who comes towards it, one far ahead; none stops."""
+    along = block_loop(plan, BESIDE_LANE_M, clockwise=False)
+    against = block_loop(plan, -BESIDE_LANE_M, clockwise=True)
+    pace = {along: rng.uniform(4.4, 5.2), against: rng.uniform(4.4, 5.2)}
+    cyclists = []
+    for number, (path, ahead_m) in enumerate(((along, 11.0), (against, 36.0), (along, 24.0))):
+        if number < round(dials["cyclists"]):
+            start = path.nearest(ego.path(ego.start_m + ahead_m + rng.uniform(-2.0, 2.0))[0])
+            cyclists.append(Cyclist.add_to(
+                spec, rng, f"cyclist {number + 1}", path,
+                _steady(start, dials["speed"] * pace[path], _flowing), dials["limbs"]))
+    return cyclists
+
+
+def _steady(start_m: float, speed_m_s: float, clock: Clock) -> Progress:
+    return lambda time_s: start_m + speed_m_s * clock(time_s)
 
 
 def _ahead_of(ego: _Ego, headway_m: float, speed: float, rng: np.random.Generator) -> Progress:
@@ -173,7 +188,7 @@ def _ahead_of(ego: _Ego, headway_m: float, speed: float, rng: np.random.Generato
     low, high = headway_m - 10.0 + _GAP_M[0], _GAP_M[1] + headway_m
 
     def progress(time_s: float) -> float:
-        t = speed * time_s
+        t = speed * ego.clock(time_s)
         here = ego.progress(time_s)
         own = ego.start_m + headway_m + ego.speed_m_s * t + float(pace(t)[0])
         gap = low + np.logaddexp(0.0, own - here - low)         # smooth maximum
@@ -182,14 +197,15 @@ def _ahead_of(ego: _Ego, headway_m: float, speed: float, rng: np.random.Generato
     return progress
 
 
-def _turning(rng: np.random.Generator, speed: float) -> tuple[ClosedPath, Progress]:
+def _turning(rng: np.random.Generator, plan: TownPlan, speed: float
+             ) -> tuple[ClosedPath, Progress]:
     """Out of the side street in the south, right at the crossing, to a stop in the east."""
     lane, far = LANE_M / 2.0, ROAD_M + 34.0
-    x, y = WIDTH_M + lane, -lane
+    x, y = plan.width_m + lane, -lane
     path = ClosedPath([[x, y - far - 40.0], [x, y], [x + far + 40.0, y],
                        [x + far + 40.0, y - far - 40.0]], 7.0)
     start = path.nearest((x, -rng.uniform(20.0, 26.0)))
-    stop = path.nearest((WIDTH_M + far - 7.0, y))
+    stop = path.nearest((plan.width_m + far - 7.0, y))
     pace, brake = speed * rng.uniform(5.0, 6.0), 2.0
     way = stop - start
 
@@ -204,37 +220,16 @@ def _turning(rng: np.random.Generator, speed: float) -> tuple[ClosedPath, Progre
     return path, progress
 
 
-def _park(spec: mujoco.MjSpec, rng: np.random.Generator) -> list[str]:
-    """Cars along the kerbs of the first two roads that the camera drives, and of the others."""
-    strip = (LANE_M + ROAD_M) / 2.0
-    roads = [((x, -strip), 0.0) for x in np.arange(14.0, 68.0, 9.0)]
-    roads += [((x, strip), np.pi) for x in np.arange(16.0, 68.0, 9.0)]
-    roads += [((WIDTH_M + strip, y), np.pi / 2) for y in np.arange(14.0, 52.0, 9.0)]
-    roads += [((WIDTH_M - strip, y), -np.pi / 2) for y in np.arange(16.0, 52.0, 9.0)]
-    roads += [((x, HEIGHT_M - strip), 0.0) for x in (20.0, 40.0, 60.0)]
-    roads += [((-strip, y), np.pi / 2) for y in (20.0, 40.0)]
-    names = []
-    for number, spot in enumerate(np.sort(rng.permutation(len(roads))[:_PARKED]), start=1):
-        (x, y), heading = roads[spot]
-        name = f"parked car {number}"
-        car = add_car(spec, name, draw_look(spec, rng, name), flaps=False, rolls=False)
-        along = rng.uniform(-1.3, 1.3)
-        turn = heading + rng.uniform(-0.03, 0.03)
-        car.pos = [x + along * np.cos(heading), y + along * np.sin(heading), 0.0]
-        car.quat = [np.cos(turn / 2.0), 0.0, 0.0, np.sin(turn / 2.0)]
-        names.append(name)
-    return names
-
-
-def _raise_sun(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
-    """Sunlight whose shadows are drawn around the camera, so that they are fine where it looks."""
-    bearing, height = rng.uniform(0.0, 2.0 * np.pi), np.deg2rad(rng.uniform(38.0, 60.0))
-    direction = -np.array([np.cos(height) * np.cos(bearing), np.cos(height) * np.sin(bearing),
-                           np.sin(height)])
-    carrier = spec.worldbody.add_body(name="sun", mocap=True)
-    carrier.add_light(name="sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=direction,
-                      pos=-40.0 * direction, mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
-                      diffuse=[0.70, 0.68, 0.63], specular=[0.15, 0.15, 0.15], castshadow=True)
+def _parking_spots(plan: TownPlan) -> list[Spot]:
+    """Along the kerbs of the first two roads that the camera drives, and of the others."""
+    width, height, strip = plan.width_m, plan.height_m, PARKING_M
+    spots: list[Spot] = [((x, -strip), 0.0) for x in np.arange(14.0, width - 12.0, 9.0)]
+    spots += [((x, strip), np.pi) for x in np.arange(16.0, width - 12.0, 9.0)]
+    spots += [((width + strip, y), np.pi / 2) for y in np.arange(14.0, 52.0, 9.0)]
+    spots += [((width - strip, y), -np.pi / 2) for y in np.arange(16.0, 52.0, 9.0)]
+    spots += [((x, height - strip), 0.0) for x in (20.0, 40.0, 60.0)]
+    spots += [((-strip, y), np.pi / 2) for y in (20.0, 40.0)]
+    return spots
 
 
 register_scene(
