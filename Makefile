@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # One thread for each OpenBLAS call: equal bytes on every machine, and faster on arrays this small.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check gate wheel opengl clean help
+.PHONY: demo test check gate docs wheel opengl clean help
 .DEFAULT_GOAL := help
 
 help:
@@ -17,6 +17,7 @@ help:
 	@echo "make test    the test suite"
 	@echo "make check   style, types and the layering of the modules"
 	@echo "make gate    the suite smoke, held against baselines/smoke.json"
+	@echo "make docs    the documentation site, build/site/index.html"
 	@echo "make wheel   build the wheel and try it outside the source tree"
 	@echo "make clean   remove what these made, but for the virtual environment"
 
@@ -25,7 +26,7 @@ $(READY): pyproject.toml
 	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { echo "$(PYTHON) does not run or is older than Python 3.11: name a newer one, make PYTHON=/path/to/python3.12" >&2; exit 2; }
 	@echo "Making $(VENV) and installing simbench in it"
 	@test -x $(BIN)/python || "$(PYTHON)" -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,pyrender]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,docs,pyrender]"
 	@touch $@
 
 opengl:
@@ -47,6 +48,10 @@ gate: $(READY) opengl
 	rm -rf build/smoke
 	$(BIN)/simbench suite smoke --out build/smoke
 	$(BIN)/simbench gate build/smoke --baseline baselines/smoke.json
+
+docs: $(READY)
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	@echo "The documents: $(CURDIR)/build/site/index.html"
 
 wheel: $(READY) opengl
 	bash scripts/check_wheel.sh $(BIN)/python

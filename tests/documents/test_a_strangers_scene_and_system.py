@@ -1,4 +1,4 @@
-"""Whoever follows docs/add-a-scene.md and docs/add-a-system.md ends with both, in under 60 lines."""
+"""Who follows docs/add-a-scene.md and docs/add-a-system.md has both in under 60 lines."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def test_the_documents_code_runs_as_it_is_printed(tmp_path):
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "both" / "metrics.json").read_text())
     assert metrics["camera"]["coverage"] == 1.0
-    # The camera goes 10 mm a frame. Flow from the images of 320 px errs by a tenth of a pixel or so,
-    # 1 mm at the wall's 5 m, and less on the mean of 2000.
+    # The camera goes 10 mm a frame. Flow from images of 320 px errs by a tenth of a pixel or so,
+    # which is 1 mm at the wall's 5 m.
     assert metrics["camera"]["E_t"] < 2e-3
     assert {block["name"] for number, block in metrics["objects"].items()
             if number != "mean"} == {"crate", "parcel"}

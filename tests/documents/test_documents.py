@@ -1,8 +1,8 @@
 """Every code block of the documents does what it says.
 
 A page is followed from top to bottom in an empty folder: files are written, Python is run, commands
-are run on a few small frames. A command whose comment says that it `needs` something or `takes` long
-is held against the real command line instead, and so are all commands of the pages of measurements.
+are run on a few small frames. A command whose comment says that it `needs` something or `takes`
+long is held against the real command line instead, and so are all of the pages of measurements.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PAGES = sorted(str(path.relative_to(ROOT)) for path in
                [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"),
                 *(ROOT / "examples").rglob("*.md")])
 MEASUREMENTS = {"docs/results.md", "docs/departures.md"}   # minutes to hours each, and said there
-FEW_FRAMES, SMALL = "3", "160x120"
+FEW_FRAMES, SMALL = "2", "128x96"
 
 
 def on_a_budget(words: tuple[str, ...]) -> list[str]:
