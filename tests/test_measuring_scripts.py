@@ -49,6 +49,6 @@ def test_the_table_of_bounds_holds_camera_and_objects(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("name", ["benchmark_tracking", "measure_determinism", "measure_real",
-                                  "check_kitti_truth"])
+                                  "check_kitti_truth", "measure_suites"])
 def test_a_script_loads(name: str):
     assert script(name).main.__name__ == "main"

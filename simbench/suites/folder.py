@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from simbench.errors import BadFile, UserError
-from simbench.storage import write_bytes, write_json
+from simbench.storage import TEMPORARY, write_bytes, write_json
 from simbench.suites.jobs import Run, Task
 from simbench.suites.spec import Suite
 from simbench.suites.work import TaskResult
@@ -40,7 +40,7 @@ class SuiteFolder:
         """
         if self.out.exists() and not self.out.is_dir():
             raise UserError(f"{self.out}: is a file, not a folder; choose another --out")
-        if self.out.is_dir() and any(self.out.iterdir()):
+        if self.out.is_dir() and any(self.out.iterdir()) and not (resume and self._untouched()):
             if not resume:
                 raise UserError(f"{self.out}: the folder is not empty; choose another --out, or "
                                 "give --resume to finish a suite that was begun there")
@@ -52,6 +52,11 @@ class SuiteFolder:
                                 f"version {suite.version}; choose another --out")
         (self.out / RECORDS).mkdir(parents=True, exist_ok=True)
         write_json(self.out / SUITE, {"schema": SCHEMA, **suite.as_json()})
+
+    def _untouched(self) -> bool:
+        """Whether all that is there is what a suite leaves that was killed before it had begun."""
+        left = {path.name for path in self.out.iterdir()} - {SUITE + TEMPORARY}
+        return left <= {RECORDS} and not any((self.out / RECORDS).glob("*"))
 
     def record_of(self, run: Run) -> dict[str, Any] | None:
         """The record of a run that is done, or None. A broken record counts as none."""

@@ -11,7 +11,8 @@ from simbench.errors import UserError
 from simbench.inputs import InputChoice
 
 SCHEMA = 1
-INPUTS = ("flow", "masks", "boxes", "depth", "sensor", "flow_sigma", "flow_noise", "flow_shape")
+INPUTS = ("flow", "masks", "boxes", "detector", "depth", "sensor", "flow_sigma", "flow_noise",
+          "flow_shape")
 SENSOR, SETTING = "sensor.", "set."      # of a sweep: sensor.depth.max_m, set.motion.kernel
 _FIELDS = {"flow_sigma": "flow_sigma_px", "flow_noise": "flow_noise_kind",
            "flow_shape": "flow_noise_shape"}

@@ -30,6 +30,18 @@ def suite(tmp_path_factory):
     return path, folder / "out"
 
 
+def test_a_suite_killed_before_it_had_begun_is_begun_by_resume(tmp_path, in_this_process):
+    path, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    path.write_text(SUITE)
+    (out / "records").mkdir(parents=True)
+    (out / "suite.json.partial").write_text("{")
+    command = ["suite", str(path), "--seeds", "0", "--frames", "2", "--reports", "none", "--out",
+               str(out)]
+    assert main(command) == 2
+    assert main([*command, "--resume"]) == 0
+    assert (out / "results.json").is_file()
+
+
 def test_results_hold_every_run_and_the_means_with_intervals(suite):
     _, out = suite
     results = json.loads((out / "results.json").read_text())
