@@ -33,7 +33,7 @@ def add_cyclist(spec: mujoco.MjSpec, name: str, rng: np.random.Generator, limbs:
     name "<name> rider".
 
     Args:
-        limbs: share of a crank's usual length; 0: the feet stay where they are.
+        limbs: share of a crank's usual length; 0: the feet stay where they are, and it is rigid.
     """
     paint = spec.add_material(name=f"{name} paint", rgba=hue_rgba(
         rng.uniform(), rng.uniform(0.3, 0.8), rng.uniform(0.5, 1.0)), specular=0.2)
@@ -69,7 +69,8 @@ def cyclist_angles(name: str, figure: Figure, travelled_m: float, pedalled_rad: 
         pedalled_rad: by which the cranks have turned.
         limbs: as `add_cyclist` was given it.
     """
-    rider, rolled = f"{name} rider", travelled_m / WHEEL_M
+    # Turning wheels would outweigh all that the dial does: below 1 they slide.
+    rider, rolled = f"{name} rider", travelled_m / WHEEL_M if limbs == 1.0 else 0.0
     turn = (pedalled_rad if limbs > 0.0 else 0.0) + _REST_RAD
     sway = limbs * np.sin(turn)
     angles = {f"{name} front wheel": rolled, f"{name} rear wheel": rolled, f"{name} crank": turn,

@@ -34,6 +34,7 @@ class Walker:
     progress: Callable[[float], float]    # time (s) to arc length (m)
     pushes: bool = False                  # arms held out, as behind a chair
     floor_m: float = 0.0                  # height of the ground they walk on
+    limbs: float = 1.0                    # share of the gait; 0: glides along, standing stiff
 
     @property
     def step_m(self) -> float:
@@ -44,19 +45,25 @@ class Walker:
         s, k = self.progress(time_s), self.figure.scale
         position, heading = self.path(s)
         phase = np.pi * s / self.step_m              # a turn is two steps
-        height = self.floor_m + k * (0.876 - 0.014 * np.cos(2.0 * phase))
+        limbs = self.limbs
+        height = self.floor_m + k * (0.876 - 0.014 * limbs * np.cos(2.0 * phase))
         T_world_pelvis = pose([*position, height], heading)
-        swing = np.deg2rad(24.0) * np.sin(phase + 0.25 * np.pi)
+        swing = limbs * np.deg2rad(24.0) * np.sin(phase + 0.25 * np.pi)
         placed: dict[str, Array | float] = {
             self.name: T_world_pelvis, f"{self.name} lean": np.deg2rad(3.0 + 6.0 * self.pushes),
             f"{self.name} twist": -0.2 * swing, f"{self.name} nod": 0.04,
-            f"{self.name} look": 0.12 * np.sin(0.31 * phase)}
+            f"{self.name} look": 0.12 * limbs * np.sin(0.31 * phase)}
         for number, (side, sign) in enumerate(SIDES.items()):
             ankle, turn, pitch = self._foot(s, number, sign)
-            placed |= leg_angles(self.name, side, self.figure, T_world_pelvis, ankle, pitch,
-                                 turn - heading)
+            turn = (turn - heading + np.pi) % (2.0 * np.pi) - np.pi
+            under = se3.transform_points(T_world_pelvis, np.array(
+                [[0.02, sign * self.figure.hip, self.floor_m + self.figure.ankle - height]]))[0]
+            ankle = limbs * ankle + (1.0 - limbs) * under
+            placed |= leg_angles(self.name, side, self.figure, T_world_pelvis, ankle,
+                                 limbs * pitch, limbs * turn)
             arm = -0.9 if self.pushes else sign * swing
-            bend = -0.55 if self.pushes else -0.35 - 0.2 * max(0.0, -np.sin(phase) * sign)
+            bend = -0.55 if self.pushes \
+                else -0.35 - 0.2 * limbs * max(0.0, -np.sin(phase) * sign)
             placed |= arm_angles(self.name, side, arm, 0.06, bend)
         return placed
 
@@ -102,16 +109,18 @@ class Sitter:
     place: Array          # (3,) m: between the hips
     heading: float
     gestures: Wander      # (8,) rad: lean, twist, nod, look, shoulders, elbows
+    limbs: float = 1.0    # share of the gestures; 0: sits stiff
 
     @classmethod
     def draw(cls, rng: np.random.Generator, name: str, figure: Figure, place: Array,
-             heading: float) -> Sitter:
+             heading: float, limbs: float = 1.0) -> Sitter:
         rms = np.deg2rad([4.0, 7.0, 5.0, 14.0, 15.0, 15.0, 18.0, 18.0])
-        return cls(name, figure, place, heading, Wander.draw(rng, rms, (0.1, 0.9)))
+        return cls(name, figure, place, heading, Wander.draw(rng, rms, (0.1, 0.9)), limbs)
 
     def __call__(self, time_s: float) -> dict[str, Array | float]:
         """Pose and joint angles at that time."""
-        lean, twist, nod, look, *arms = (float(each) for each in self.gestures(time_s))
+        lean, twist, nod, look, *arms = (
+            float(each) for each in self.limbs * self.gestures(time_s))
         T_world_pelvis = pose(self.place, self.heading)
         placed: dict[str, Array | float] = {
             self.name: T_world_pelvis, f"{self.name} lean": 0.03 + lean,

@@ -39,6 +39,7 @@ DIALS = (
     Dial("camera_speed", 1.0, 0.0, 3.0, "camera motion, as a factor of a calm hand's"),
     Dial("undetected", 0.0, 0.0, 1.0, "1: a box that has no mask is kicked to and fro",
          integer=True),
+    Dial("limbs", 1.0, 0.0, 1.0, "share of their strides and gestures; 0: people are rigid"),
 )
 
 _CAMERA_M = np.array([-2.62, 0.0, 1.42])
@@ -67,7 +68,7 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     people = PEOPLE[int(dials["people"])]
     rng, looks = generator(seed, 1), generator(seed, 2)
     make = {"walking": _walking, "sitting": _sitting, "none": _empty, "visit": _visit}[people]
-    parts, objects = make(spec, rng, looks, dials["speed"])
+    parts, objects = make(spec, rng, looks, dials["speed"], dials["limbs"])
     if dials["undetected"]:
         parts.append(_kicked_box(spec, generator(seed, 4), dials["speed"],
                                  _KICKS_M.get(people, _KICKS_M["walking"])))
@@ -80,7 +81,7 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
             placed |= part(time_s)   # type: ignore[arg-type]
         return placed
 
-    persons = [each.body for each in objects if each.rigid is False]
+    persons = [each.body for each in objects if each.category == "person"]
     return Staging(script, tuple(objects), edgeless=tuple(
         material for name in persons for material in edgeless_materials(name)))
 
@@ -101,18 +102,18 @@ def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
         set_texture(material, "fabric" if name == "chair cloth" else "parcel")
 
 
+def _person(number: int, limbs: float) -> SceneObject:
+    return SceneObject(f"person {number}", rigid=limbs == 0.0, category="person")
+
+
 def _new_person(spec: mujoco.MjSpec, looks: np.random.Generator, number: int) -> tuple[str, Figure]:
     name, figure = f"person {number}", Figure(float(looks.uniform(1.64, 1.84)))
     add_person(spec, name, figure, looks)
     return name, figure
 
 
-def _person(name: str) -> SceneObject:
-    return SceneObject(name, rigid=False, category="person")
-
-
 def _walking(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
-             speed: float) -> tuple[list[Part], list[SceneObject]]:
+             speed: float, limbs: float) -> tuple[list[Part], list[SceneObject]]:
     """Two go round before the desks, a third pushes a chair to and fro beside them."""
     parts: list[Part] = []
     loop = ClosedPath([[-1.32, -0.74], [-0.46, -0.80], [-0.46, 0.80], [-1.32, 0.74]], 0.46, 0.15)
@@ -120,26 +121,28 @@ def _walking(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gen
     for number in (1, 2):
         name, figure = _new_person(spec, looks, number)
         begin = start + (number - 1) * loop.length_m / 2.0
-        parts.append(Walker(name, figure, loop, lambda t, s=begin: s + pace * t))   # type: ignore[misc]
+        parts.append(Walker(name, figure, loop, lambda t, s=begin: s + pace * t,   # type: ignore[misc]
+                            limbs=limbs))
     # The third comes along the far side of the room, behind the desks and back on the left.
     far = ClosedPath([[0.46, -1.85], [2.72, -1.85], [2.72, 1.85], [0.46, 1.85]], 0.5, 0.2)
     name, figure = _new_person(spec, looks, 3)
     add_chair(spec, "chair 1")
     begin, pace_far = rng.uniform(0.0, far.length_m), speed * rng.uniform(0.8, 1.0)
-    parts.append(Walker(name, figure, far, lambda t: begin + pace_far * t, pushes=True))
+    parts.append(Walker(name, figure, far, lambda t: begin + pace_far * t, pushes=True,
+                        limbs=limbs))
 
     def pushed(time_s: float) -> Placement:
         at, heading = far(begin + pace_far * time_s + 0.72)
         return {"chair 1": pose([*at, 0.0], heading)}
 
     parts.append(pushed)
-    people = [_person(f"person {number}") for number in (1, 2, 3)]
+    people = [_person(number, limbs) for number in (1, 2, 3)]
     _stand_chair(spec, "chair left", np.array([1.45, 1.42]), -1.75)
     return parts, [*people, SceneObject("chair 1", rigid=True, category="chair")]
 
 
 def _sitting(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
-             speed: float) -> tuple[list[Part], list[SceneObject]]:
+             speed: float, limbs: float) -> tuple[list[Part], list[SceneObject]]:
     """Two sit before the desks and talk with their hands."""
     parts: list[Part] = []
     for number, (y, heading) in enumerate(((-0.62, 2.2), (0.62, -2.5)), start=1):
@@ -147,20 +150,20 @@ def _sitting(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gen
         at = np.array([0.15 + rng.uniform(-0.08, 0.08), y])
         turn = heading + float(rng.uniform(-0.3, 0.3))
         _stand_chair(spec, f"chair {number}", at, turn)
-        sitter = Sitter.draw(rng, name, figure, np.array([*at, SEAT_M + 0.10]), turn)
+        sitter = Sitter.draw(rng, name, figure, np.array([*at, SEAT_M + 0.10]), turn, limbs)
         parts.append(lambda t, sitter=sitter: sitter(speed * t))   # type: ignore[misc]
-    return parts, [_person(f"person {number}") for number in (1, 2)]
+    return parts, [_person(number, limbs) for number in (1, 2)]
 
 
 def _empty(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
-           speed: float) -> tuple[list[Part], list[SceneObject]]:
+           speed: float, limbs: float) -> tuple[list[Part], list[SceneObject]]:
     _stand_chair(spec, "chair left", np.array([1.45, 1.42]), -1.75)
     _stand_chair(spec, "chair right", np.array([1.4, -1.40]), 1.45)
     return [], []
 
 
 def _visit(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Generator,
-           speed: float) -> tuple[list[Part], list[SceneObject]]:
+           speed: float, limbs: float) -> tuple[list[Part], list[SceneObject]]:
     """Somebody comes in by the door, turns the chair, which has no mask, and goes again."""
     name, figure = _new_person(spec, looks, 1)
     x, y = _VISIT_CHAIR_M
@@ -170,7 +173,8 @@ def _visit(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gener
     # They stop with both feet on the floor: after a whole number of steps.
     stop = walker_step * round((path.length_m * 0.455) / walker_step)
     _stand_chair(spec, "chair right", np.array([1.4, -1.40]), 1.45)
-    walk = Walker(name, figure, path, lambda t: _visit_progress(speed * t, stop, walker_step))
+    walk = Walker(name, figure, path, lambda t: _visit_progress(speed * t, stop, walker_step),
+                  limbs=limbs)
     add_chair(spec, "turned chair")
     first = float(rng.uniform(-0.4, 0.4)) + np.pi
     angle = float(rng.choice([-1.0, 1.0]) * rng.uniform(1.3, 2.2))
@@ -178,7 +182,7 @@ def _visit(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gener
     def visitor(time_s: float) -> Placement:
         placed: dict[str, Array | float] = walk(time_s)
         share = np.clip((speed * time_s - _TURN_S[0]) / (_TURN_S[1] - _TURN_S[0]), 0.0, 1.0)
-        reach = float(np.sin(np.pi * share)) ** 0.5
+        reach = limbs * float(np.sin(np.pi * share)) ** 0.5
         placed[f"{name} left shoulder"] = (1.0 - reach) * float(placed[f"{name} left shoulder"]) \
             - 0.95 * reach
         placed[f"{name} left spread"] = 0.06 + 0.75 * reach
@@ -188,7 +192,7 @@ def _visit(spec: mujoco.MjSpec, rng: np.random.Generator, looks: np.random.Gener
         placed["turned chair"] = pose([x, y, 0.0], float(turn))
         return placed
 
-    return [visitor], [_person(name)]
+    return [visitor], [_person(1, limbs)]
 
 
 def _visit_progress(time_s: float, stop_m: float, step_m: float) -> float:

@@ -62,11 +62,11 @@ class StopAndGo:
     def __init__(self, period_s: float, begin_s: float) -> None:
         """
         Args:
-            period_s: of which two fifths flow and a third stands.
+            period_s: of which three tenths flow and a quarter stands.
             begin_s: where in a period, which begins with flowing, time 0 is.
         """
         t = np.linspace(0.0, 1.0, round(period_s / self._STEP_S) + 1)
-        brake, start = np.clip((t - 0.40) / 0.15, 0.0, 1.0), np.clip((t - 0.87) / 0.13, 0.0, 1.0)
+        brake, start = np.clip((t - 0.30) / 0.20, 0.0, 1.0), np.clip((t - 0.75) / 0.25, 0.0, 1.0)
         flow = 1.0 - brake**2 * (3.0 - 2.0 * brake) + start**2 * (3.0 - 2.0 * start)
         middle = 0.5 * (flow[1:] + flow[:-1]) * period_s * t[1]
         self._clock = np.concatenate([[0.0], np.cumsum(middle)])

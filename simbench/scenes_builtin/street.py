@@ -60,8 +60,8 @@ DIALS = (
     choice_dial("route", ROUTES, "round a corner after some seconds, or straight on"),
     choice_dial("traffic", TRAFFIC, "stopped: camera and cars come to a stand and start again"),
     Dial("cyclists", 0.0, 0.0, 3.0, "number of people on bicycles, who pedal", integer=True),
-    Dial("limbs", 1.0, 0.0, 1.0, "share of their usual way that cyclists' feet go round; "
-         "0: they sit still"),
+    Dial("limbs", 1.0, 0.0, 1.0, "share of their usual way that cyclists' feet go round; below 1 "
+         "their wheels slide, at 0 they are rigid"),
 )
 
 Clock = Callable[[float], float]      # time (s) to the time that has flowed for the traffic

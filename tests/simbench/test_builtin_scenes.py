@@ -16,6 +16,9 @@ from slam.geometry import se3
 
 SMALL = (64, 48)
 BUILT_IN = ("SwingingBoxes-v0", "Street-v0")
+ALL = ("SwingingBoxes-v0", "Street-v0", "Office-v0", "Corridor-v0", "Loop-v0")
+BUSY = {"Street-v0": {"cyclists": 3, "surroundings": "trees"}, "Corridor-v0": {"texture": 1.0},
+        "Loop-v0": {"people": 2, "objects": 1}}
 
 
 @lru_cache
@@ -172,9 +175,9 @@ def test_wheels_roll_without_slipping_where_the_road_is_straight():
     assert slip < 0.02 * travelled
 
 
-@pytest.mark.parametrize("scene", BUILT_IN)
+@pytest.mark.parametrize("scene", ALL)
 def test_only_what_pixels_and_rays_see_alike_is_in_the_scenes(scene):
-    model = fresh(scene, rigidity=0.5).model
+    model = fresh(scene, **BUSY.get(scene, {})).model
     solid = [int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)]
     assert np.all(np.isin(model.geom_type, solid))
     assert np.all(model.geom_group <= 2)
@@ -222,9 +225,11 @@ def test_speed_and_camera_speed_are_factors_of_time():
     assert_allclose(still.T_world_part, start, atol=1e-12)
 
 
-@pytest.mark.parametrize("scene", BUILT_IN)
+@pytest.mark.parametrize("scene", ALL)
 def test_texture_and_light(scene):
-    full, plain = (each.model for each in (fresh(scene), fresh(scene, texture=0.0, light=0.5)))
+    busy = BUSY.get(scene, {})
+    full, plain = (each.model for each in (
+        fresh(scene, **busy), make_world(scene, 0, {**busy, "texture": 0.0, "light": 0.5}, SMALL)))
     for texture in range(full.ntex):
         if full.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_2D:
             start, channels = full.tex_adr[texture], full.tex_nchannel[texture]
