@@ -11,13 +11,8 @@ from simbench.report.page import indices
 from simbench.report.plots import ESTIMATE, PALETTE, Plot
 from simbench.report.svg import INK, Drawing
 from simbench.reproduce.compare import Correlated
-from simbench.reproduce.measured import AXES, Deviation
-from simbench.reproduce.side_by_side import (
-    Reproduction,
-    correlation_lines,
-    inputs_text,
-    short_name,
-)
+from simbench.reproduce.measured import AXES, Deviation, short_name
+from simbench.reproduce.side_by_side import Reproduction, correlation_lines, inputs_text
 
 _COLOURS = (ESTIMATE, *PALETTE)
 _TOWARD = ("right", "down", "forward")
