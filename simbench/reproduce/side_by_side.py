@@ -153,6 +153,13 @@ def _rho_text(rho: Interval | None) -> str:
     return f"{rho.mean:+.2f} [{rho.low:+.2f}, {rho.high:+.2f}], {rho.n} sequences"
 
 
+def over_seeds(suite: Suite) -> str:
+    """Of what our numbers are means."""
+    n = len(suite.seeds)
+    return f"means over {n} seeds with 95 % intervals by bootstrap" if n > 1 else \
+        "of one seed, so without intervals"
+
+
 def inputs_text(suite: Suite) -> str:
     """What all cases of the suite share."""
     def shared(values: Sequence[Any]) -> bool:
