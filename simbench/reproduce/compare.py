@@ -64,7 +64,7 @@ class Correlated:
 
 def compare(table: PaperTable, comparison: Comparison, measured: Measured) -> Compared | None:
     """The ratios of every row. None where a system to compare was not run."""
-    if not set(comparison.ours) <= set(measured.systems):
+    if not set(comparison.ours) <= measured.named.keys():
         return None
     logs = [_log_ratios(table, row, comparison, measured) for row in table.rows]
     printed = [_printed_ratio(table, i, comparison) for i in range(len(table.rows))]
@@ -83,7 +83,7 @@ def correlate(table: PaperTable, correlation: Correlation, measured: Measured
               ) -> Correlated | None:
     """The quantity against the gain of each row. None where a system was not run."""
     found = compare(table, correlation.gain_of, measured)
-    if found is None or correlation.ours not in measured.systems:
+    if found is None or correlation.ours not in measured.named:
         return None
     quantity = quantity_of(table, correlation.quantity)
     column = table.column(correlation.printed, correlation.quantity)
@@ -92,7 +92,8 @@ def correlate(table: PaperTable, correlation: Correlation, measured: Measured
         there = column.cells[i].value
         if there is not None and ratio.printed is not None:
             printed.append(GainPoint(row.name, there, 100.0 * (1.0 - ratio.printed)))
-        here = list(measured.values(row, quantity, correlation.ours).values())
+        here = list(measured.values(row, quantity,
+                                    measured.named[correlation.ours]).values())
         if here and ratio.ours is not None:
             ours.append(GainPoint(row.name, float(np.mean(here)),
                                   100.0 * (1.0 - ratio.ours.mean)))
@@ -111,7 +112,8 @@ def _rho(points: Sequence[GainPoint]) -> Interval | None:
 def _log_ratios(table: PaperTable, row: Row, comparison: Comparison, measured: Measured
                 ) -> dict[int, float]:
     quantity = quantity_of(table, comparison.quantity)
-    first, second = (measured.values(row, quantity, system) for system in comparison.ours)
+    first, second = (measured.values(row, quantity, measured.named[name])
+                     for name in comparison.ours)
     return {seed: float(np.log(second[seed] / first[seed])) for seed in first
             if seed in second and first[seed] > 0 and second[seed] > 0}
 

@@ -13,6 +13,7 @@ from simbench.reproduce.side_by_side import (
     SideTable,
     correlation_lines,
     inputs_text,
+    over_seeds,
 )
 from simbench.reproduce.table import PaperTable
 from simbench.statistics import mean_interval
@@ -30,8 +31,7 @@ def _blocks(found: Reproduction) -> Iterator[str]:
     yield f"# {table.title}\n"
     yield (f"*Printed* columns are the paper's, measured on other data ({table.data}). The others "
            f"are ours, on synthetic counterparts (suite `{found.suite.name}`, "
-           f"{inputs_text(found.suite)}): mean over {len(found.suite.seeds)} seeds "
-           "[95 % interval by bootstrap].\n")
+           f"{inputs_text(found.suite)}), {over_seeds(found.suite)}.\n")
     yield from _error_table(found.counterparts)
     for side in found.sides:
         yield f"## {side.title}\n"

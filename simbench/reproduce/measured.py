@@ -50,6 +50,7 @@ class Measured:
     def __init__(self, table: PaperTable, runs: Sequence[Run],
                  records: Sequence[Mapping[str, Any]], out: Path) -> None:
         self.systems = tuple(dict.fromkeys(run.system for run in runs))
+        self.named = {short_name(system): system for system in self.systems}
         self._records = {(run.case, run.system, run.seed): record
                          for run, record in zip(runs, records, strict=True)}
         self.deviations: list[Deviation] = []
@@ -85,6 +86,12 @@ class Measured:
         return Counted(len(here), sum(each["status"] != "done" for each in here),
                        sum(each.get("frames", 0) for each in here),
                        sum(each.get("lost_frames", 0) for each in here))
+
+
+def short_name(system: str) -> str:
+    """A system's name as a heading: of path/to/file.py:factory the file's."""
+    place, colon, _ = system.rpartition(":")
+    return Path(place).stem if colon and place.endswith(".py") else system
 
 
 def _values_of(folder: Path) -> dict[str, float]:

@@ -11,12 +11,12 @@ from simbench.report.page import indices
 from simbench.report.plots import ESTIMATE, PALETTE, Plot
 from simbench.report.svg import INK, Drawing
 from simbench.reproduce.compare import Correlated
-from simbench.reproduce.measured import AXES, Deviation
+from simbench.reproduce.measured import AXES, Deviation, short_name
 from simbench.reproduce.side_by_side import (
     Reproduction,
     correlation_lines,
     inputs_text,
-    short_name,
+    over_seeds,
 )
 
 _COLOURS = (ESTIMATE, *PALETTE)
@@ -33,6 +33,7 @@ def render(found: Reproduction) -> str:
     plots += [_deviation_plot(i, found.deviations) for i in range(3) if found.deviations]
     return environment.get_template("reproduce.html.j2").render(
         table=found.table, suite=found.suite, inputs=inputs_text(found.suite), sides=found.sides,
+        over_seeds=over_seeds(found.suite),
         counterparts=found.counterparts, comparisons=found.comparisons,
         counts=found.counts, plots=plots,
         correlation=() if found.correlated is None else correlation_lines(found.correlated),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simbench.report.table import NONE, ErrorTable, shown_number
 from simbench.reproduce.compare import Compared, Correlated, Ratio, compare, correlate
-from simbench.reproduce.measured import Deviation, Measured
+from simbench.reproduce.measured import Deviation, Measured, short_name
 from simbench.reproduce.table import PaperTable, Quantity, Row
 from simbench.statistics import Interval, mean_interval
 from simbench.suites.results import RESOLUTION
@@ -58,12 +57,6 @@ def reproduction(table: PaperTable, suite: Suite, measured: Measured) -> Reprodu
         tuple(_comparison_table(each) for each in compared if each is not None),
         None if table.correlation is None else correlate(table, table.correlation, measured),
         tuple(measured.deviations))
-
-
-def short_name(system: str) -> str:
-    """A system's name as a heading: of path/to/file.py:factory the file's."""
-    place, colon, _ = system.rpartition(":")
-    return Path(place).stem if colon and place.endswith(".py") else system
 
 
 def _counterparts(table: PaperTable, suite: Suite) -> ErrorTable:
@@ -123,7 +116,7 @@ def _counts(table: PaperTable, measured: Measured) -> ErrorTable:
 
 def _comparison_table(found: Compared) -> ErrorTable:
     c = found.comparison
-    first, second = (short_name(each) for each in c.ours)
+    first, second = c.ours
     rows = tuple((each.row, NONE if each.printed is None else f"{each.printed:.3f}",
                   *_ratio_cells(each.ours)) for each in (*found.rows, found.all_rows))
     return ErrorTable(
@@ -158,6 +151,13 @@ def _rho_text(rho: Interval | None) -> str:
     if rho is None:
         return "unknown (fewer than four rows)"
     return f"{rho.mean:+.2f} [{rho.low:+.2f}, {rho.high:+.2f}], {rho.n} sequences"
+
+
+def over_seeds(suite: Suite) -> str:
+    """Of what our numbers are means."""
+    n = len(suite.seeds)
+    return f"means over {n} seeds with 95 % intervals by bootstrap" if n > 1 else \
+        "of one seed, so without intervals"
 
 
 def inputs_text(suite: Suite) -> str:

@@ -68,7 +68,10 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The second system against the first, in one quantity, in the paper and here."""
+    """The second system against the first, in one quantity, in the paper and here.
+
+    Ours go by their short names; what was not run is not compared.
+    """
 
     quantity: str
     printed: tuple[str, str]

@@ -8,7 +8,7 @@ import pytest
 
 from simbench.cli import main
 from simbench.reproduce.compare import compare, correlate
-from simbench.reproduce.measured import Measured
+from simbench.reproduce.measured import Measured, short_name
 from simbench.reproduce.run_table import suite_of
 from simbench.reproduce.table import load_table
 from simbench.statistics import rank_correlation
@@ -126,3 +126,9 @@ def test_no_correlation_of_few_or_equal_values():
     assert rank_correlation([1, 1, 1, 1], [1, 2, 3, 4]) is None
     falling = rank_correlation([1, 2, 3, 4, 5], [5, 4, 3, 2, 1])
     assert (falling.mean, falling.high) == pytest.approx((-1.0, -1.0))
+
+
+def test_a_system_from_a_file_goes_by_the_files_name():
+    assert short_name("examples/orbslam3_system.py:make") == "orbslam3_system"
+    assert short_name("package.module:make") == "package.module:make"
+    assert short_name("sdpl") == "sdpl"

