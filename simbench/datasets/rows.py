@@ -45,7 +45,7 @@ def numbers_of(path: Path, line: int, words: list[str], columns: int, meaning: s
     try:
         numbers = [float(word) for word in words[:columns]]
     except ValueError as error:
-        raise BadFile(f"{path}:{line}: {error}, wanted numbers ({meaning}); "
+        raise BadFile(f"{path}:{line}: {str(error)[:100]}, wanted numbers ({meaning}); "
                       "mend or remove this row") from None
     if not np.all(np.isfinite(numbers)):
         raise BadFile(f"{path}:{line}: a number is not finite ({meaning}); "
