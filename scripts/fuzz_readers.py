@@ -40,10 +40,11 @@ from simbench.suites.files import read_suite
 from simbench.trajectory_files import kitti_lines, read_kitti_poses, tum_lines
 
 MOST_GROWTH_MB = 200
-_TOKENS = (b"1e309", b"nan", b"-1", b"0", b"1e300", b"99999999999999999999", b"-2147483649", b"4e9",
-           b"0.5", b"../../../etc/passwd", b"/etc/passwd", b"[", b"{", b"]", b"}", b"\0", b"\xff\xfe",
-           b"\xd9\xa3", b"&a [*a, *a]", b"!!python/object/apply:os.system [id]", b"2001-99-99",
-           b"null", b"true", b'""', b"NaN", b"Infinity", b":", b"#", b"\n\n", b" ", b"[" * 3000)
+_TOKENS = (b"1e309", b"nan", b"-1", b"0", b"1e300", b"99999999999999999999", b"-2147483649",
+           b"4e9", b"0.5", b"../../../etc/passwd", b"/etc/passwd", b"[", b"{", b"]", b"}", b"\0",
+           b"\xff\xfe", b"\xd9\xa3", b"&a [*a, *a]", b"!!python/object/apply:os.system [id]",
+           b"2001-99-99", b"null", b"true", b'""', b"NaN", b"Infinity", b":", b"#", b"\n\n", b" ",
+           b"[" * 3000)
 
 
 @dataclass(frozen=True)
