@@ -19,7 +19,8 @@ import tempfile
 from pathlib import Path
 
 from simbench.render.gl import platform_works
-from simbench.storage import MANIFEST, file_hashes, read_json
+from simbench.storage import MANIFEST, file_hashes
+from simbench.untrusted import read_json_object
 
 REPEATS = (   # what differs from the first run, OpenGL platform, workers
     ("EGL again", "egl", 1),
@@ -84,7 +85,7 @@ def _hashes(scene: str, chosen: argparse.Namespace, out: Path, platform: str,
                "--sensor", chosen.sensor, "--workers", str(workers)]
     subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
     hashes = dict(file_hashes(out))
-    if hashes != read_json(out / MANIFEST)["files"]:
+    if hashes != read_json_object(out / MANIFEST, "generate it again")["files"]:
         raise SystemExit(f"{out}: the files are not those that its {MANIFEST} names")
     return hashes
 

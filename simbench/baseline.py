@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from simbench.datasets.rows import read_text
 from simbench.errors import BadFile, UserError
 from simbench.metric_names import COVERAGES, SHOWN, Metric, find_metric, flat_metrics
 from simbench.run_folder import read_metrics
 from simbench.run_to_folder import versions
 from simbench.storage import write_json
-from simbench.suites.folder import read_json_object
+from simbench.untrusted import read_json_object, read_yaml
 
 SCHEMA = 1
 _MOST_BYTES = 50_000_000
@@ -94,9 +91,8 @@ def read_baseline(path: Path) -> Baseline:
     Raises:
         BadFile: it is missing, or not a baseline of this schema; the message says where.
     """
-    if path.is_file() and path.stat().st_size > _MOST_BYTES:
-        raise BadFile(f"{path}: larger than 50 MB; this is no baseline")
-    value = read_json_object(path, "write one with `simbench bless RUN_OR_SUITE --baseline FILE`")
+    value = read_json_object(path, "write one with `simbench bless RUN_OR_SUITE --baseline FILE`",
+                             _MOST_BYTES)
     if value.get("schema") != SCHEMA:
         raise BadFile(f"{path}: schema is {value.get('schema')!r}, wanted {SCHEMA}; bless it again")
     try:
@@ -149,7 +145,7 @@ def _of_run(place: Path) -> Baseline:
     metrics = tuple(find_metric(name) for name in (*SHOWN, *COVERAGES))
     found = read_metrics(place)
     try:
-        config = yaml.safe_load(read_text(place / "config.yaml"))
+        config = read_yaml(place / "config.yaml", "run it again")
         asked = {key: config[key] for key in _ASKED_OF_A_RUN if config.get(key)}
         name = str(found["sequence"]["name"])
         if "/" in str(asked.get("source", "")):
@@ -157,7 +153,7 @@ def _of_run(place: Path) -> Baseline:
         status = "done" if found.get("camera", {}).get("coverage") else "lost"
         run = _blessed(name, {}, str(found["system"]), int(config.get("seed", 0)), asked, status,
                        found["sequence"], flat_metrics(found), metrics)
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise BadFile(f"{place}: not a run of this version ({type(error).__name__}); run it again"
                       ) from None
     return Baseline(name, metrics, (run,))

@@ -97,6 +97,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         self.observation_space: spaces.Space[Any] = _observation_space(
             *self._size, self.frames / self._fps)
         self.action_space = spaces.Box(-1.0, 1.0, (6,), np.float32)
+        self.episode = 0        # the seed of this episode's world and noise
         self._world: World | None = None
         self._renderer: Renderer | None = None
         self._live: LiveSequence | None = None
@@ -108,6 +109,11 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         """The camera; the same in every episode."""
         return self._any_world().layout.intrinsics
 
+    @property
+    def period_s(self) -> float:
+        """Time from one frame to the next."""
+        return 1.0 / self._fps
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None,
               ) -> tuple[dict[str, Array], dict[str, Any]]:
         """A new world, drawn with its noise from the environment's generator."""
@@ -116,7 +122,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         from simbench.render import make_renderer  # noqa: PLC0415
 
         super().reset(seed=seed, options=options)
-        episode = int(self.np_random.integers(2**31))
+        episode = self.episode = int(self.np_random.integers(2**31))
         world = self._world = self._make_world(episode)
         if self._renderer is None:   # here, so that a vector environment's parent needs no OpenGL
             self._renderer = make_renderer("mujoco", world)

@@ -118,7 +118,8 @@ def _motions_of_pose_rows(path: Path, table: Array, lines: Array, stamps_s: Arra
 
 
 def _tracks(path: Path, numbers: Array, lines: Array) -> Array:
-    _refuse(path, lines, numbers != np.round(numbers), "the track is not a whole number")
+    _refuse(path, lines, (numbers != np.round(numbers)) | (np.abs(numbers) > 2**31),
+            "the track is not a whole number")
     return np.asarray(numbers.astype(np.int64))
 
 

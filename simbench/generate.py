@@ -24,6 +24,7 @@ from simbench.sensors.rgb import apply_rgb_noise
 from simbench.sensors.spec import SensorSpec, find_sensor
 from simbench.sensors.streams import Stage, generator
 from simbench.simulate import SimulatedSequence
+from simbench.untrusted import read_json_object
 from simbench.world import World, make_world
 from slam.geometry.arrays import Array
 
@@ -176,7 +177,7 @@ def _claim(out: Path, identity: dict[str, Any], resume: bool) -> bool:
     if not begun.exists():
         raise UserError(f"{out}: no sequence was begun here, so there is nothing to resume; "
                         "choose another --out")
-    before = storage.read_json(begun)
+    before = read_json_object(begun, "choose another --out")
     changed = [key for key, value in identity.items() if before.get(key) != value]
     if changed:
         key = changed[0]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simbench.datasets.rows import read_text
 from simbench.errors import BadFile
+from simbench.untrusted import read_text
 from slam.geometry.arrays import Array
 
 _VERTEX, _EDGE = "element vertex ", "element edge "

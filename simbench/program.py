@@ -135,12 +135,19 @@ def _ended(words: list[str], system: str, limits: Limits, output: Path) -> _Ende
         finally:
             _end(process)
     seconds = time.monotonic() - started
-    said = output.read_bytes()[-_KEPT_OUTPUT:].decode(errors="replace")
+    said = _end_of(output).decode(errors="replace")
     output.unlink()
     if not fault and process.returncode:
         last = (said.strip().splitlines() or ["it printed nothing"])[-1]
         fault = f"{_ending(process.returncode)}: {last}"
     return _Ended(fault, said, seconds, peak_mb)
+
+
+def _end_of(output: Path) -> bytes:
+    """The last bytes of a file."""
+    with output.open("rb") as stream:
+        stream.seek(max(0, output.stat().st_size - _KEPT_OUTPUT))
+        return stream.read(_KEPT_OUTPUT)
 
 
 def _watched(process: subprocess.Popen[bytes], limits: Limits, started: float

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from simbench.datasets.rows import read_text
 from simbench.errors import BadFile
 from simbench.metrics.estimates import CameraEstimates, ObjectMotions
 from simbench.sequence import kind_of_folder
 from simbench.trajectory_files import tum_lines
+from simbench.untrusted import read_json_object
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
@@ -62,10 +62,10 @@ def _is_begun(folder: Path) -> bool:
 def _is_run(folder: Path) -> bool:
     """There are metrics of ours, of whatever schema."""
     try:
-        metrics = json.loads((folder / "metrics.json").read_bytes())
-    except (FileNotFoundError, IsADirectoryError, ValueError):
+        metrics = read_json_object(folder / "metrics.json", "run it again")
+    except BadFile:
         return False
-    return isinstance(metrics, dict) and {"schema", "system", "sequence"} <= metrics.keys()
+    return {"schema", "system", "sequence"} <= metrics.keys()
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -125,11 +125,8 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     path = folder / "metrics.json"
     if not path.is_file():
         raise BadFile(f"{path}: no such file; give the folder of a finished run")
-    try:
-        metrics = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise BadFile(f"{path}:{error.lineno}: not JSON ({error.msg}); run it again") from None
-    if not isinstance(metrics, dict) or metrics.get("schema") != SCHEMA:
+    metrics = read_json_object(path, "run it again")
+    if metrics.get("schema") != SCHEMA:
         raise BadFile(f"{path}: not of schema {SCHEMA}; run it again with this version")
     return metrics
 

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
-from simbench.datasets.rows import read_text
 from simbench.errors import BadFile
 from simbench.scene import SceneSpec, known_scene
+from simbench.untrusted import read_yaml
 from simbench.world import World, make_world
 
 _SCENE = re.compile(r"[A-Za-z]\w*-v\d+|.+:[A-Za-z]\w*-v\d+")
@@ -42,13 +40,13 @@ def read_source(folder: Path) -> RunSource | None:
     """
     path = folder / "config.yaml"
     try:
-        config = yaml.safe_load(read_text(path))
+        config = read_yaml(path, "run it again")
         name, size, fps = str(config["source"]), config.get("size"), config.get("fps")
         if not _SCENE.fullmatch(name):
             return None
         return RunSource(known_scene(name), int(config.get("seed", 0)), int(config["frames"]),
                          None if size is None else (int(size[0]), int(size[1])),
                          None if fps is None else float(fps), dict(config.get("dials") or {}))
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
         raise BadFile(f"{path}: not of a run of this version ({type(error).__name__}); run it again"
                       ) from None

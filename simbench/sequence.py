@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from simbench.errors import BadFile
 from simbench.types import FlowTruth, FrameTruth, SceneLayout, Trajectories, VisibleEdges
+from simbench.untrusted import check_links
 from slam.geometry.arrays import Array
 from slam.types import Frame, Intrinsics
 
@@ -106,6 +107,7 @@ def open_sequence(path: str | Path, calibration: str | Path | None = None) -> Se
     if not folder.is_dir():
         what = "is a file, not a folder" if folder.exists() else "no such folder"
         raise BadFile(f"{folder}: {what}; give the folder of a sequence")
+    check_links(folder)
     if (folder / "unfinished.json").exists():
         raise BadFile(f"{folder}: this sequence is not finished; finish it with "
                       "`simbench generate ... --resume`")

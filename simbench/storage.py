@@ -21,7 +21,6 @@ import numpy as np
 import zarr
 from zarr.codecs import ZstdCodec
 
-from simbench.errors import BadFile
 from simbench.trajectory_files import tum_lines
 from simbench.types import FrameTruth, SceneLayout
 from slam.geometry.arrays import Array
@@ -54,18 +53,6 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write a mapping as JSON, the same bytes for equal values."""
     write_bytes(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a mapping. Raises BadFile when the file is missing, cut short or something else."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not valid JSON"
-        raise BadFile(f"{path}: {reason}; generate the sequence again") from None
-    if not isinstance(value, dict):
-        raise BadFile(f"{path}: not a JSON object; generate the sequence again")
-    return value
 
 
 def write_png(path: Path, image: Array) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,9 @@ from simbench import certificate, storage
 from simbench.datasets.simbench_folder import SimbenchFolder
 from simbench.errors import BadFrame, UserError
 from simbench.render import make_renderer
-from simbench.scene import known_scene
 from simbench.sequence import Sequence
 from simbench.trajectory_files import read_tum_trajectory
 from simbench.types import Trajectories
-from simbench.world import make_world
 from slam.geometry.arrays import Array
 from slam.types import Frame
 
@@ -33,7 +31,7 @@ def check_sequence(folder: Path, sequence: Sequence,
     problems = _stamp_problems(sequence)
     ours = sequence if isinstance(sequence, SimbenchFolder) else None
     if ours is not None:
-        problems += _hash_problems(folder, ours.manifest["files"])
+        problems += _hash_problems(folder, ours.made.files)
         problems += [f"{folder / storage.MANIFEST}: {fault}"
                      for fault in certificate.faults(ours.manifest, *ours.truth.poses)]
     try:
@@ -62,11 +60,8 @@ def drawn_here(sequence: SimbenchFolder) -> list[str]:
     Raises:
         UserError: the scene cannot be built here.
     """
-    wanted, truth = sequence.manifest, sequence.truth
-    width, height = wanted["size"]
-    world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
-                       (width, height), wanted["fps"])
-    found = certificate.differences(wanted, world)
+    truth, world = sequence.truth, sequence.made.make_world()
+    found = certificate.differences(sequence.manifest, world)
     last = len(sequence) - 1
     world.restore(truth.states()[last])
     renderer = make_renderer("mujoco", world)
@@ -83,7 +78,7 @@ def _stamp_problems(sequence: Sequence) -> list[str]:
     return [f"frame {int(k) + 1}: its stamp is not later than the one before" for k in late]
 
 
-def _hash_problems(folder: Path, wanted: dict[str, str]) -> list[str]:
+def _hash_problems(folder: Path, wanted: Mapping[str, str]) -> list[str]:
     problems = []
     found = storage.file_hashes(folder)
     for name in sorted(wanted.keys() | found.keys()):
@@ -136,7 +131,7 @@ def _frame_problems(sequence: SimbenchFolder, frame: Frame) -> list[str]:
                                                                         truth.depth_m > 0),
         "its true depth is not finite": np.isfinite(truth.depth_m).all(),
     }
-    if sequence.manifest["sensor"] == "ideal":
+    if sequence.made.sensor == "ideal":
         scale = sequence.calibration.depth_scale
         wanted = storage.encode_depth(truth.depth_m, scale).astype(np.float32) / np.float32(scale)
         checks["its depth image is not its true depth"] = np.array_equal(frame.depth_m, wanted)

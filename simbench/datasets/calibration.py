@@ -10,16 +10,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 
-from simbench.datasets.rows import read_text
 from simbench.errors import BadFile
+from simbench.untrusted import MOST_SIDE_PX, read_yaml
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
 KEYS = ("width, height, fx, fy, cx, cy, distortion (k1 k2 p1 p2 k3), depth_scale (PNG units per "
         "metre), baseline_m (stereo only)")
 _REQUIRED = ("width", "height", "fx", "fy", "cx", "cy")
+_MOST = {"width": (1, MOST_SIDE_PX), "height": (1, MOST_SIDE_PX), "fx": (1e-3, 1e6),
+         "fy": (1e-3, 1e6), "depth_scale": (1e-3, 1e7), "baseline_m": (1e-6, 1e3)}
+_FAR = 1e6
 _KNOWN = {*_REQUIRED, "distortion", "depth_scale", "baseline_m"}
 
 
@@ -61,12 +63,7 @@ def missing_calibration(folder: Path, wanted: str) -> BadFile:
 
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration.yaml. Raises BadFile when a key is missing, unknown or not a number."""
-    try:
-        values = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = "" if mark is None else f":{mark.line + 1}"
-        raise BadFile(f"{path}{line}: not valid YAML; wanted the keys {KEYS}") from None
+    values = read_yaml(path, f"wanted the keys {KEYS}")
     if not isinstance(values, Mapping):
         raise BadFile(f"{path}: empty or not a mapping; wanted the keys {KEYS}")
     return _calibration_of(path, values)
@@ -88,11 +85,19 @@ def _calibration_of(path: Path, values: Mapping[str, Any]) -> Calibration:
         distortion=_distortion(path, values.get("distortion")),
         depth_scale=_number(path, "depth_scale", values.get("depth_scale", 5000.0)),
         baseline_m=None if baseline is None else _number(path, "baseline_m", baseline))
-    positive = ("width", "height", "fx", "fy", "depth_scale", "baseline_m")
-    for key in positive:
+    return checked_calibration(path, calibration)
+
+
+def checked_calibration(path: Path, calibration: Calibration) -> Calibration:
+    """The calibration itself. Raises BadFile where a number is out of all range."""
+    for key, most in _MOST.items():
         value = getattr(calibration, key)
         if value is not None and value <= 0:
             raise BadFile(f"{path}: {key} is {value}; it must be above 0")
+        if value is not None and not most[0] <= value <= most[1]:
+            raise BadFile(f"{path}: {key} is {value:g}; wanted {most[0]:g} to {most[1]:g}")
+    if max(abs(x) for x in (calibration.cx, calibration.cy, *calibration.distortion)) > _FAR:
+        raise BadFile(f"{path}: cx, cy or the distortion is beyond {_FAR:g}; mend it")
     return calibration
 
 
@@ -100,7 +105,7 @@ def _distortion(path: Path, value: Any) -> tuple[float, ...]:
     if value is None:
         return (0.0,) * 5
     if not isinstance(value, list) or len(value) > 5:
-        raise BadFile(f"{path}: distortion is {value!r}; wanted a list [k1, k2, p1, p2, k3]")
+        raise BadFile(f"{path}: distortion is {value!r:.60}; wanted a list [k1, k2, p1, p2, k3]")
     numbers = [_number(path, "distortion", x) for x in value]
     return tuple(numbers + [0.0] * (5 - len(numbers)))
 
@@ -108,8 +113,8 @@ def _distortion(path: Path, value: Any) -> tuple[float, ...]:
 def _number(path: Path, key: str, value: Any) -> float:
     try:
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise BadFile(f"{path}: {key} is {value!r}; wanted a number")
+        raise BadFile(f"{path}: {key} is {value!r:.60}; wanted a number")
     return number

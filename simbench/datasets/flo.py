@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from simbench.errors import BadFrame
+from simbench.untrusted import read_bytes
 from slam.geometry.arrays import Array
 from slam.types import FlowField
 
@@ -16,10 +17,7 @@ _UNKNOWN_PX = 1e9   # Middlebury's mark: anything larger is unknown
 
 def read_flo(path: Path, width: int, height: int) -> FlowField:
     """The flow of a file, invalid where Middlebury calls it unknown. Raises BadFrame."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise BadFrame(f"{path}: no such flow file; restore it") from None
+    data = read_bytes(path, 8 * width * height + 4096, BadFrame, "flow file")
     if len(data) < 12 or np.frombuffer(data[:4], "<f4")[0] != _MAGIC:
         raise BadFrame(f"{path}: not a Middlebury .flo file; replace it")
     got_width, got_height = (int(n) for n in np.frombuffer(data[4:12], "<i4"))

@@ -7,7 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from simbench.datasets.image_header import image_size
 from simbench.errors import BadFrame
+from simbench.untrusted import read_bytes
 from slam.geometry.arrays import Array
 
 _PNG, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
@@ -15,45 +17,41 @@ _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _NO_MEASUREMENT = 65535   # what some sensors write where they saw nothing
 
 
-def _decode(path: Path, flags: int) -> Array:
-    """Any shape and type; OpenCV would fill a truncated image with grey without a word."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise BadFrame(f"{path}: no such image; restore it") from None
-    except OSError as error:
-        raise BadFrame(f"{path}: cannot be read ({error.strerror}); check the file") from None
+def _decode(path: Path, flags: int, width: int, height: int) -> Array:
+    """(height, width, …); OpenCV would fill a truncated image with grey without a word."""
+    data = read_bytes(path, 16 * width * height + 1_000_000, BadFrame, "image")
     cut = (data.startswith(_PNG) and not data.rstrip(b"\0\r\n").endswith(_PNG_END)) or (
         data.startswith(_JPEG) and _JPEG_END not in data[-64:])
     if cut or not data:
         raise BadFrame(f"{path}: the image is truncated ({len(data)} bytes); copy it again")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    if image is None:
+    size = image_size(data)
+    if size is None:
+        raise BadFrame(f"{path}: not an image of PNG or JPEG; replace it")
+    if size != (width, height):
+        raise BadFrame(f"{path}: {size[0]}×{size[1]} pixels, the calibration says "
+                       f"{width}×{height}; replace the image or mend the calibration")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        image = None
+    if image is None or image.shape[:2] != (height, width):
         raise BadFrame(f"{path}: not an image that OpenCV can read; replace it")
     return np.asarray(image)
 
 
-def _check_size(path: Path, image: Array, width: int, height: int) -> None:
-    if image.shape[:2] != (height, width):
-        raise BadFrame(f"{path}: {image.shape[1]}×{image.shape[0]} pixels, the calibration says "
-                       f"{width}×{height}; replace the image or mend the calibration")
-
-
 def read_colour(path: Path, width: int, height: int) -> Array:
     """(H, W, 3) uint8 RGB; grey images are repeated in all three channels. Raises BadFrame."""
-    image = _decode(path, cv2.IMREAD_COLOR)
-    _check_size(path, image, width, height)
+    image = _decode(path, cv2.IMREAD_COLOR, width, height)
     return np.ascontiguousarray(image[..., ::-1])
 
 
 def read_uint16(path: Path, width: int, height: int) -> Array:
     """(H, W) uint16 of a one-channel 16-bit image. Raises BadFrame."""
-    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    image = _decode(path, cv2.IMREAD_UNCHANGED, width, height)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise BadFrame(f"{path}: {image.dtype} with {channels} channels, wanted one 16-bit "
                        "channel; replace the image")
-    _check_size(path, image, width, height)
     return image
 
 

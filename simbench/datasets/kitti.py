@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from simbench.datasets.calibration import missing_calibration, read_calibration
 from simbench.datasets.fingerprint import folder_fingerprint
+from simbench.datasets.image_header import image_size
 from simbench.datasets.images import read_colour
 from simbench.datasets.recorded_truth import RecordedTruth
 from simbench.datasets.rows import check_increasing, numbers_of, read_numbers, read_rows
@@ -17,9 +17,12 @@ from simbench.errors import BadFile
 from simbench.sequence import IteratesFrames
 from simbench.trajectory_files import read_kitti_poses
 from simbench.types import Trajectories
+from simbench.untrusted import MOST_SIDE_PX, read_bytes
 from slam.geometry.arrays import Array
 from slam.types import Frame, Intrinsics
 
+_MOST_IMAGE_BYTES = 500_000_000
+_MOST_BASELINE_M = 1000.0
 _NO_STEREO: frozenset[str] = frozenset()
 
 
@@ -103,18 +106,31 @@ def _intrinsics(folder: Path, projections: dict[str, Array], left: str, first: i
         if key not in projections:
             raise BadFile(f"{path}: no row {key}; add it or give --calibration FILE")
     P = projections[wanted[0]]
+    if not (1e-3 < P[0, 0] < 1e6 and 1e-3 < P[1, 1] < 1e6 and np.abs(P).max() < 1e9
+            and np.array_equal(P[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1])):
+        raise BadFile(f"{path}: {wanted[0]} is not fx 0 cx · 0 fy cy · 0 0 1 · with focal lengths "
+                      "above 0 px; mend the row")
     baseline_m = None
     if has_right:
         baseline_m = float((P[0, 3] - projections[wanted[1]][0, 3]) / P[0, 0])
-        if baseline_m <= 0:
+        if not 0 < baseline_m < _MOST_BASELINE_M:
             raise BadFile(f"{path}: the baseline of {wanted[0]} and {wanted[1]} is "
                           f"{baseline_m:.3f} m; it must be above 0")
     for image_path in sorted((folder / left).glob("*.png")):
-        image = cv2.imread(str(image_path), cv2.IMREAD_UNCHANGED)
-        if image is not None:
+        size = _size_of(image_path)
+        if size is not None:
             return Intrinsics(float(P[0, 0]), float(P[1, 1]), float(P[0, 2]), float(P[1, 2]),
-                              image.shape[1], image.shape[0], baseline_m)
+                              *size, baseline_m)
     raise BadFile(f"{folder / left}: no image that can be read; restore the images")
+
+
+def _size_of(path: Path) -> tuple[int, int] | None:
+    """(width, height) by an image's header; None where it cannot be read or is too large."""
+    try:
+        size = image_size(read_bytes(path, _MOST_IMAGE_BYTES))
+    except BadFile:
+        return None
+    return size if size and min(size) >= 1 and max(size) <= MOST_SIDE_PX else None
 
 
 def _offset_from_camera_0(P: Array | None) -> Array:

@@ -7,19 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from simbench.errors import BadFile
+from simbench.untrusted import read_text
 from slam.geometry.arrays import Array
 
-
-def read_text(path: Path) -> str:
-    """The text of a file. Raises BadFile when it is missing or not text."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise BadFile(f"{path}: no such file; check the path") from None
-    except UnicodeDecodeError:
-        raise BadFile(f"{path}: not a text file; replace it") from None
-    except OSError as error:
-        raise BadFile(f"{path}: cannot be read ({error.strerror}); check the path") from None
+_LARGEST = 2.0**31
+_FAR = 1e15              # beyond it a stamp or a length says nothing
+_MOST_FRAMES = 1_000_000
 
 
 def read_rows(path: Path) -> list[tuple[int, list[str]]]:
@@ -52,18 +45,32 @@ def numbers_of(path: Path, line: int, words: list[str], columns: int, meaning: s
     try:
         numbers = [float(word) for word in words[:columns]]
     except ValueError as error:
-        raise BadFile(f"{path}:{line}: {error}, wanted numbers ({meaning}); "
+        raise BadFile(f"{path}:{line}: {str(error)[:100]}, wanted numbers ({meaning}); "
                       "mend or remove this row") from None
     if not np.all(np.isfinite(numbers)):
         raise BadFile(f"{path}:{line}: a number is not finite ({meaning}); "
                       "mend or remove this row")
+    if max(map(abs, numbers), default=0.0) > _FAR:
+        raise BadFile(f"{path}:{line}: a number is beyond {_FAR:g} ({meaning}); "
+                      "mend or remove this row")
     return numbers
+
+
+def whole_numbers(path: Path, numbers: Array, meaning: str) -> Array:
+    """A column (N,) as int64. Raises BadFile where one is not whole or too large."""
+    wrong = (numbers != np.round(numbers)) | (np.abs(numbers) > _LARGEST)
+    if np.any(wrong):
+        raise BadFile(f"{path}: {meaning} is {numbers[np.argmax(wrong)]:g}, wanted a whole number; "
+                      "mend or remove this row")
+    return np.asarray(numbers.astype(np.int64))
 
 
 def check_increasing(path: Path, stamps_s: Array) -> Array:
     """The stamps, (K,) in seconds. Raises BadFile unless there are some and they increase."""
     if len(stamps_s) == 0:
         raise BadFile(f"{path}: no rows in it; a sequence needs at least one frame")
+    if len(stamps_s) > _MOST_FRAMES:
+        raise BadFile(f"{path}: {len(stamps_s)} rows; at most {_MOST_FRAMES} frames can be read")
     late = np.flatnonzero(np.diff(stamps_s) <= 0)
     if len(late):
         k = int(late[0]) + 1

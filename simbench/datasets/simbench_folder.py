@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,13 @@ import numpy as np
 
 from simbench.datasets.calibration import Calibration, missing_calibration, read_calibration
 from simbench.datasets.images import read_colour, read_depth, read_uint16
+from simbench.datasets.manifest import Manifest, read_manifest
 from simbench.datasets.simbench_truth import StoredTruth
 from simbench.errors import BadFile
 from simbench.sequence import IteratesFrames
-from simbench.storage import MANIFEST, image_path, read_json
+from simbench.storage import MANIFEST, image_path
 from slam.geometry.arrays import Array
 from slam.types import Frame, Intrinsics
-
-_WANTED = ("scene", "seed", "dials", "size", "fps", "frames", "objects", "stereo")
 
 
 @dataclass(frozen=True)
@@ -26,30 +26,34 @@ class SimbenchFolder(IteratesFrames):
     """A generated sequence: as its sensor recorded it, masks bearing the true, constant ids."""
 
     folder: Path
-    manifest: dict[str, Any]
+    made: Manifest
     calibration: Calibration
     truth: StoredTruth
 
     @classmethod
     def open(cls, folder: Path, calibration: Path | None) -> SimbenchFolder:
         """Read manifest, calibration and poses. Raises BadFile."""
-        path = folder / MANIFEST
-        manifest = read_json(path)
-        missing = [key for key in _WANTED if key not in manifest]
-        if missing:
-            raise BadFile(f"{path}: key {missing[0]!r} is missing; generate the sequence again")
+        made = read_manifest(folder)
         if calibration is None and not (folder / "calibration.yaml").exists():
             raise missing_calibration(folder, "calibration.yaml")
         camera = read_calibration(calibration or folder / "calibration.yaml")
         if any(camera.distortion):
             raise BadFile(f"{calibration}: generated images have no distortion; "
                           "take it out of the calibration")
-        return cls(folder, manifest, camera, StoredTruth(folder, manifest, camera.intrinsics))
+        if (camera.width, camera.height) != made.size:
+            raise BadFile(f"{folder / MANIFEST}: images of {made.size[0]}×{made.size[1]} pixels, "
+                          f"the calibration says {camera.width}×{camera.height}; mend it")
+        return cls(folder, made, camera, StoredTruth(folder, made, camera.intrinsics))
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """All that sequence.json says."""
+        return self.made.said
 
     @property
     def name(self) -> str:
         """The scene's name."""
-        return str(self.manifest["scene"]).rpartition(":")[2]
+        return self.made.scene.rpartition(":")[2]
 
     @property
     def stamps_s(self) -> Array:
@@ -64,7 +68,7 @@ class SimbenchFolder(IteratesFrames):
     @property
     def holds(self) -> frozenset[str]:
         """Depth and masks, and stereo where it was asked for."""
-        return frozenset({"depth", "masks"} | ({"stereo"} if self.manifest["stereo"] else set()))
+        return frozenset({"depth", "masks"} | ({"stereo"} if self.made.stereo else set()))
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -75,7 +79,7 @@ class SimbenchFolder(IteratesFrames):
         camera = self.calibration
         size = camera.width, camera.height
         right = (read_colour(image_path(self.folder, "right", k), *size)
-                 if self.manifest["stereo"] else None)
+                 if self.made.stereo else None)
         return Frame(
             k, stamp_s, read_colour(image_path(self.folder, "rgb", k), *size),
             read_depth(image_path(self.folder, "depth", k), *size, camera.depth_scale),

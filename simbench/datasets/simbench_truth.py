@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
+from simbench.datasets.manifest import Manifest
+from simbench.datasets.truth_arrays import TruthArray
 from simbench.errors import BadFile, BadFrame
-from simbench.storage import MANIFEST, TRUTH, truth_chunk_path
+from simbench.storage import TRUTH
 from simbench.types import (
     Edges3D,
     FlowTruth,
     FrameTruth,
-    ObjectInfo,
     ObjectPoses,
     SceneLayout,
     Trajectories,
@@ -25,8 +25,11 @@ from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
 _KEPT = 4   # frames, and flows, that stay in memory
-_ALL = ("stamps_s", "T_world_camera", "T_world_part", "instance_of_part", "edge_part_id",
-        "edge_endpoints_part")
+_PER_FRAME = ("depth_m", "part_id", "object_pixels")
+_DTYPES = {"stamps_s": "<f8", "T_world_camera": "<f8", "T_world_part": "<f8",
+           "instance_of_part": "<i4", "edge_part_id": "<i4", "edge_endpoints_part": "<f8",
+           "depth_m": "<f4", "part_id": "<i2", "object_pixels": "<i4"}
+_WHOLE = tuple(name for name in _DTYPES if name not in _PER_FRAME)
 
 
 class StoredTruth:
@@ -34,23 +37,32 @@ class StoredTruth:
 
     has_images = True
 
-    def __init__(self, folder: Path, manifest: dict[str, Any], intrinsics: Intrinsics) -> None:
+    def __init__(self, folder: Path, manifest: Manifest, intrinsics: Intrinsics) -> None:
         """Read poses and layout. Raises BadFile when they are missing or damaged."""
         self._folder, self._manifest = folder, manifest
+        arrays = {name: TruthArray(folder / TRUTH, name) for name in _WHOLE}
+        self._per_frame = {name: TruthArray(folder / TRUTH, name, per_frame=True)
+                           for name in _PER_FRAME}
+        frames, objects = manifest.frames, manifest.objects
+        size = (intrinsics.height, intrinsics.width)
+        parts = arrays["instance_of_part"].shape[0]
+        edges = arrays["edge_part_id"].shape[0]
+        wanted = {"stamps_s": (frames,), "T_world_camera": (frames, 4, 4),
+                  "T_world_part": (frames, parts, 4, 4), "instance_of_part": (parts,),
+                  "edge_part_id": (edges,), "edge_endpoints_part": (edges, 2, 3),
+                  "depth_m": (frames, *size), "part_id": (frames, *size),
+                  "object_pixels": (frames, len(objects))}
+        for name, array in (arrays | self._per_frame).items():
+            if array.shape != wanted[name] or array.dtype != _DTYPES[name]:
+                raise BadFile(f"{array.path}: {array.dtype} {array.shape}, wanted "
+                              f"{_DTYPES[name]} {wanted[name]}; generate the sequence again")
         try:
-            self._group = zarr.open_group(folder / TRUTH, mode="r")
-            fixed = {name: self._fixed(name) for name in _ALL}
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
-            raise BadFile(f"{folder / TRUTH}: missing or damaged ({type(error).__name__}); "
-                          "generate the sequence again") from error
+            fixed = {name: array.whole() for name, array in arrays.items()}
+        except BadFile as error:
+            raise BadFile(f"{folder / TRUTH}: missing or damaged: {error}") from None
+        _check_values(folder, fixed, max((o.root_part for o in objects), default=0))
         self.stamps_s = fixed["stamps_s"]
-        if len(self.stamps_s) != manifest["frames"]:
-            raise BadFile(f"{folder / TRUTH}: {len(self.stamps_s)} frames, {MANIFEST} says "
-                          f"{manifest['frames']}; generate the sequence again")
         self._T_world_camera, self._T_world_part = fixed["T_world_camera"], fixed["T_world_part"]
-        objects = tuple(ObjectInfo(o["instance_id"], o["name"], o["root_part"], o["rigid"],
-                                   o.get("category", ""))
-                        for o in manifest["objects"])
         self.layout = SceneLayout(intrinsics, objects, fixed["instance_of_part"],
                                   Edges3D(fixed["edge_part_id"], fixed["edge_endpoints_part"]))
         self._frames = lru_cache(_KEPT)(self._read_frame)
@@ -85,13 +97,13 @@ class StoredTruth:
 
     def states(self) -> Array:
         """(K, S) what `World.restore` takes to show each frame again."""
-        return self._fixed("state")
+        return TruthArray(self._folder / TRUTH, "state").whole()
 
     @cached_property
     def trajectories(self) -> Trajectories:
         """True poses; an object is valid where a pixel shows it."""
         count = len(self.stamps_s)
-        pixels = [self._per_frame("object_pixels", k) for k in range(count)]
+        pixels = [self._per_frame["object_pixels"].frame(k) for k in range(count)]
         objects = {
             each.instance_id: ObjectPoses(
                 T_world_object=self._T_world_part[:, each.root_part],
@@ -101,14 +113,18 @@ class StoredTruth:
         return Trajectories(self.stamps_s, self._T_world_camera, np.ones(count, bool), objects)
 
     def _read_frame(self, k: int) -> FrameTruth:
-        part = self._per_frame("part_id", k).astype(np.int32)
+        part = self._per_frame["part_id"].frame(k).astype(np.int32)
+        depth_m = self._per_frame["depth_m"].frame(k)
+        parts = len(self.layout.instance_of_part)
+        if part.min() < -1 or part.max() >= parts or not np.isfinite(depth_m).all():
+            raise BadFrame(f"{self._folder / TRUTH}: frame {k} shows a part that does not exist, "
+                           "or a depth that is no number; generate the sequence again")
         # The last entry stands for part -1, where nothing is seen.
         instance = np.append(self.layout.instance_of_part, 0).astype(np.int32)[part]
         return FrameTruth(index=k, stamp_s=float(self.stamps_s[k]),
                           T_world_camera=self._T_world_camera[k],
                           T_world_part=self._T_world_part[k],
-                          depth_m=self._per_frame("depth_m", k), part_id=part,
-                          instance_id=instance)
+                          depth_m=depth_m, part_id=part, instance_id=instance)
 
     def _make_flow(self, i: int, j: int) -> FlowTruth:
         from simbench.truth import flow_between  # noqa: PLC0415 (needs MuJoCo; poses do not)
@@ -123,35 +139,25 @@ class StoredTruth:
     @cached_property
     def _model(self) -> Any:
         """The scene that the manifest names, built again. Raises UserError if it cannot be."""
-        from simbench.scene import known_scene  # noqa: PLC0415 (needs MuJoCo; poses do not)
-        from simbench.world import make_world  # noqa: PLC0415
-        wanted = self._manifest
-        width, height = wanted["size"]
-        world = make_world(known_scene(wanted["scene"]), wanted["seed"], wanted["dials"],
-                           (width, height), wanted["fps"])
+        world = self._manifest.make_world()
         if len(world.layout.instance_of_part) != len(self.layout.instance_of_part):
-            raise BadFile(f"{self._folder}: scene {wanted['scene']} has other parts than when the "
-                          "sequence was generated; generate it again")
+            raise BadFile(f"{self._folder}: scene {self._manifest.scene} has other parts than "
+                          "when the sequence was generated; generate it again")
         return world.model
 
-    def _fixed(self, name: str) -> Array:
-        # zarr takes a chunk that is not there for one of zeros.
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
-        chunk = self._folder.joinpath(TRUTH, name, "c", *["0"] * array.ndim)
-        if array.size and not chunk.exists():
-            raise FileNotFoundError(chunk)
-        return np.asarray(array[...])
 
-    def _per_frame(self, name: str, k: int) -> Array:
-        path = truth_chunk_path(self._folder, name, k)
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
-        if array.shape[1] == 0:
-            return np.zeros(0, np.int32)
-        if not path.exists():
-            raise BadFrame(f"{path}: no such file; generate the sequence again")
-        try:
-            return np.asarray(array[k])
-        except (ValueError, RuntimeError, OSError):
-            raise BadFrame(f"{path}: truncated or damaged; generate the sequence again") from None
+def _check_values(folder: Path, fixed: dict[str, Array], last_root: int) -> None:
+    """Raises BadFile where an array of all frames holds what it cannot."""
+    parts = len(fixed["instance_of_part"])
+    edge_part, instance = fixed["edge_part_id"], fixed["instance_of_part"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps_s = np.diff(fixed["stamps_s"])
+    wrong = {
+        "a number is not finite": not all(np.isfinite(values).all() for values in fixed.values()),
+        "the stamps do not increase": bool(np.any(steps_s <= 0)),
+        "an edge or an object is of no part": last_root >= parts or bool(
+            np.any((edge_part < 0) | (edge_part >= parts))),
+        "an instance id is out of range": bool(np.any((instance < 0) | (instance > 65535)))}
+    for what, holds in wrong.items():
+        if holds:
+            raise BadFile(f"{folder / TRUTH}: {what}; generate the sequence again")

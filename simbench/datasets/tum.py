@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import cv2
 import numpy as np
@@ -89,7 +89,11 @@ def read_image_list(path: Path) -> tuple[Array, tuple[Path, ...]]:
             raise BadFile(f"{path}:{line}: {len(words)} columns, wanted 2 (t file); "
                           "mend or remove this row")
         stamps.append(numbers_of(path, line, words, 1, "t file")[0])
-        paths.append(path.parent / words[1])
+        name = PurePosixPath(words[1])
+        if name.is_absolute() or ".." in name.parts or "\0" in words[1]:
+            raise BadFile(f"{path}:{line}: {words[1]:.80} leads out of the folder; mend or remove "
+                          "this row")
+        paths.append(path.parent / name)
     return check_increasing(path, np.array(stamps)), tuple(paths)
 
 

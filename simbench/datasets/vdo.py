@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from simbench.datasets.calibration import Calibration, missing_calibration, read_calibration
+from simbench.datasets.calibration import (
+    Calibration,
+    checked_calibration,
+    missing_calibration,
+    read_calibration,
+)
 from simbench.datasets.fingerprint import folder_fingerprint
 from simbench.datasets.flo import read_flo
 from simbench.datasets.images import read_colour, read_depth, read_disparity_as_depth
 from simbench.datasets.recorded_truth import RecordedTruth
-from simbench.datasets.rows import check_increasing, read_numbers, read_text
+from simbench.datasets.rows import check_increasing, read_numbers
 from simbench.datasets.vdo_truth import read_trajectories
 from simbench.errors import BadFile, BadFrame
 from simbench.sequence import IteratesFrames
+from simbench.untrusted import read_bytes, read_text
 from slam.geometry.arrays import Array
 from slam.types import FlowField, Frame, Intrinsics
 
+_FAR = 1e9
 METRIC, KITTI = 1, 2      # ChooseData of their settings files
 
 
@@ -109,10 +117,9 @@ class VdoFolder(IteratesFrames):
 
 def read_semantic(path: Path, width: int, height: int) -> Array:
     """(H, W) int32 labels of one frame; 0 = static. Raises BadFrame."""
+    data = read_bytes(path, 16 * width * height + 4096, BadFrame, "mask file")
     try:
-        labels = np.fromstring(path.read_bytes().decode("ascii"), dtype=np.int32, sep=" ")
-    except FileNotFoundError:
-        raise BadFrame(f"{path}: no such mask file; restore it") from None
+        labels = np.fromstring(data.decode("ascii"), dtype=np.int32, sep=" ")
     except ValueError:
         raise BadFrame(f"{path}: a label is not an integer; replace the file") from None
     if labels.size != width * height:
@@ -135,9 +142,12 @@ class _Settings:
                 return default
             raise BadFile(f"{self.path}: key {key} is missing; add it")
         try:
-            return float(self.values[key])
+            number = float(self.values[key])
         except ValueError:
-            raise BadFile(f"{self.path}: {key} is {self.values[key]!r}; wanted a number") from None
+            number = math.nan
+        if not abs(number) < _FAR:
+            raise BadFile(f"{self.path}: {key} is {self.values[key]!r:.60}; wanted a number")
+        return number
 
 
 def _read_settings(path: Path) -> _Settings | None:
@@ -156,8 +166,9 @@ def _camera_of_settings(settings: _Settings) -> Calibration:
         raise BadFile(f"{settings.path}: Camera.fx, fy, width, height and DepthMapFactor must be "
                       "above 0; mend them")
     distortion = tuple(settings.number(f"Camera.{k}", 0.0) for k in ("k1", "k2", "p1", "p2", "k3"))
-    return Calibration(int(width), int(height), fx, fy, settings.number("Camera.cx"),
-                       settings.number("Camera.cy"), distortion, depth_scale)
+    return checked_calibration(settings.path, Calibration(
+        int(width), int(height), fx, fy, settings.number("Camera.cx"),
+        settings.number("Camera.cy"), distortion, depth_scale))
 
 
 def _truth(folder: Path, kind: int, stamps_s: Array, camera: Calibration,

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simbench.datasets.rows import read_numbers
+from simbench.datasets.rows import read_numbers, whole_numbers
 from simbench.errors import BadFile, BadFrame
 from simbench.trajectory_files import checked_poses
 from simbench.types import ObjectPoses, Trajectories
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+
+_MOST_POSES = 10_000_000
 
 
 def read_trajectories(folder: Path, stamps_s: Array, object_rows_in_camera: bool,
@@ -43,7 +45,11 @@ def read_trajectories(folder: Path, stamps_s: Array, object_rows_in_camera: bool
         T = T_world_camera[frame] @ T
     seen = _labels_seen(instances, count) if len(frame) else []
     objects = {}
-    for number in np.unique(label):
+    numbers = np.unique(label)
+    if len(numbers) * count > _MOST_POSES:
+        raise BadFile(f"{path}: {len(numbers)} objects in {count} frames; at most {_MOST_POSES} "
+                      "poses fit in memory")
+    for number in numbers:
         poses, valid = np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool)
         rows = label == number
         poses[frame[rows]] = T[rows]
@@ -55,7 +61,7 @@ def read_trajectories(folder: Path, stamps_s: Array, object_rows_in_camera: bool
 
 def _camera_poses(path: Path, count: int) -> tuple[Array, Array]:
     rows = read_numbers(path, 17, "k and the 16 numbers of T_world_camera")
-    frame = rows[:, 0].astype(np.int64)
+    frame = whole_numbers(path, rows[:, 0], "k")
     _check_frames(path, frame, count)
     T, valid = np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool)
     T[frame] = checked_poses(path, rows[:, 1:].reshape(-1, 4, 4))
@@ -69,14 +75,14 @@ def _kitti_rows(path: Path) -> tuple[Array, Array, Array]:
     turn = np.zeros((len(rows), 3))
     turn[:, 1] = rows[:, 9] + np.pi / 2
     T = se3.from_rotation_translation(se3.exp_so3(turn), rows[:, 6:9])
-    return rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), T
+    return whole_numbers(path, rows[:, 0], "k"), whole_numbers(path, rows[:, 1], "id"), T
 
 
 def _metric_rows(path: Path) -> tuple[Array, Array, Array]:
     """Frames, labels and T_world_object, its rotation as a rotation vector."""
     rows = read_numbers(path, 8, "k id tx ty tz rx ry rz")
     T = se3.from_rotation_translation(se3.exp_so3(rows[:, 5:8]), rows[:, 2:5])
-    return rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), T
+    return whole_numbers(path, rows[:, 0], "k"), whole_numbers(path, rows[:, 1], "id"), T
 
 
 def _check_frames(path: Path, frame: Array, count: int) -> None:

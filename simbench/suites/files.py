@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from simbench.errors import BadFile, UnknownName, UserError
 from simbench.metric_names import SHOWN, find_metric
 from simbench.scene import find_scene
@@ -26,6 +24,7 @@ from simbench.suites.spec import (
     Value,
     parse_seeds,
 )
+from simbench.untrusted import read_yaml
 
 _MOST_BYTES = 1_000_000
 _MOST_RUNS = 100_000
@@ -66,17 +65,7 @@ def read_suite(path: Path) -> Suite:
     Raises:
         BadFile: it cannot be read, or a key or value is wrong; the message says which.
     """
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise BadFile(f"{path}: larger than 1 MB; this is no suite")
-        value = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadFile(f"{path}: {error.strerror}; give the YAML file of a suite") from None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f":{mark.line + 1}" if mark is not None else ""
-        raise BadFile(f"{path}{where}: not YAML ({getattr(error, 'problem', None) or error})"
-                      ) from None
+    value = read_yaml(path, "give the YAML file of a suite", _MOST_BYTES)
     try:
         return _suite(value)
     except UserError as error:

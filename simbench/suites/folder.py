@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,6 +18,7 @@ from simbench.storage import TEMPORARY, write_bytes, write_json
 from simbench.suites.jobs import Run, Task
 from simbench.suites.spec import Suite
 from simbench.suites.work import TaskResult
+from simbench.untrusted import read_json_object
 
 SUITE, RECORDS, RUNS = "suite.json", "records", "runs"
 SCHEMA = 1
@@ -61,11 +61,10 @@ class SuiteFolder:
     def record_of(self, run: Run) -> dict[str, Any] | None:
         """The record of a run that is done, or None. A broken record counts as none."""
         try:
-            found = json.loads((self.out / RECORDS / f"{run.key}.json").read_bytes())
-        except (FileNotFoundError, ValueError):
+            found = read_json_object(self.out / RECORDS / f"{run.key}.json", "run it again")
+        except BadFile:
             return None
-        whole = isinstance(found, dict) and {"record", "timing", "meaning"} <= found.keys()
-        return found if whole else None
+        return found if {"record", "timing", "meaning"} <= found.keys() else None
 
     def keep(self, task: Task, result: TaskResult) -> None:
         """Write the runs of a task: the files of each, then its record."""
@@ -83,16 +82,3 @@ class SuiteFolder:
     def _same(task: Task, result: TaskResult) -> Iterable[Run]:
         by_key = {run.key: run for run in task.runs}
         return [by_key[each.key] for each in result.runs]
-
-
-def read_json_object(path: Path, otherwise: str) -> dict[str, Any]:
-    """A JSON object. Raises BadFile when the file is missing or something else."""
-    try:
-        value = json.loads(path.read_bytes())
-    except OSError as error:
-        raise BadFile(f"{path}: {error.strerror}; {otherwise}") from None
-    except (ValueError, RecursionError) as error:
-        raise BadFile(f"{path}: not JSON ({str(error)[:80]}); {otherwise}") from None
-    if not isinstance(value, dict):
-        raise BadFile(f"{path}: not a JSON object; {otherwise}")
-    return value

@@ -120,7 +120,7 @@ BAD_FILES = {
     "list row without a file": ("rgb.txt", "100.0\n", r"rgb.txt:1: 1 columns, wanted 2"),
     "stamps out of order": ("rgb.txt", "2 a.png\n1 b.png\n", "not later than the one before"),
     "empty list": ("depth.txt", "# nothing\n", "no rows in it"),
-    "broken calibration": ("calibration.yaml", "width: [\n", "not valid YAML"),
+    "broken calibration": ("calibration.yaml", "width: [\n", "not YAML"),
     "key missing": ("calibration.yaml", "width: 3\n", "key 'height' is missing"),
     "unknown key": ("calibration.yaml", CALIBRATION + "fz: 1\n", "unknown key 'fz'"),
     "word as number": ("calibration.yaml", CALIBRATION.replace("30.0", "wide"), "fx is 'wide'"),
