@@ -77,6 +77,16 @@ class TrackConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class AnchorConfig:
+    """Map points aligned with the patch of their first sighting."""
+
+    enabled: bool = True
+    radius_px: int = 5               # 11×11 patches
+    min_correlation: float = 0.85
+    sigma_px: float = 0.3            # of aligned points, beside what the patches tell
+
+
+@dataclass(frozen=True, slots=True)
 class MappingConfig:
     """Keyframes and local mapping."""
 
@@ -100,4 +110,5 @@ class DplConfig:
     depth: DepthConfig = field(default_factory=DepthConfig)
     cull: CullConfig = field(default_factory=CullConfig)
     track: TrackConfig = field(default_factory=TrackConfig)
+    anchors: AnchorConfig = field(default_factory=AnchorConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)

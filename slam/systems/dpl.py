@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import cv2
 import numpy as np
 
-from slam.dpl.config import DepthConfig, DplConfig
+from slam.dpl.anchors import Anchors, sharpened
+from slam.dpl.certainty import Certainty
+from slam.dpl.config import DplConfig
 from slam.dpl.features import Features
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
@@ -15,9 +16,13 @@ from slam.dpl.lines import LineDetector
 from slam.dpl.mapping import LocalMapper
 from slam.dpl.movers import Culled, MoverCuller
 from slam.dpl.orb import OrbDetector
+from slam.dpl.picture import Picture
 from slam.dpl.relocalise import places
+from slam.dpl.sightings import of_line_ends, of_points
 from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
+from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.geometry.camera import project
 from slam.systems.stopwatch import Stopwatch
 from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
 
@@ -33,23 +38,26 @@ class DplSlam:
         self.intrinsics = intrinsics
         self.config = config = DplConfig() if config is None else config
         self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
+        self.point_certainty, self.line_certainty = Certainty(), Certainty()
         self.movers = MoverCuller(intrinsics, config)
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
+        self.anchors = Anchors(intrinsics, config.anchors, config.depth.inverse_depth_sigma)
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
+        self.picture: Picture | None = None
         self.before: TrackedFrame | None = None
         self.reference: Keyframe | None = None
         self.lost_with_features = 0
+        self.most_held = 0       # landmarks in a frame since the reference keyframe
 
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
-        gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY))
-        depth_m = clean_depth(frame.depth_m, self.config.depth)
-        whole = self._observe(gray, depth_m)
+        self.picture = picture = Picture.of(frame, self.config.depth)
+        whole = self._observe(picture)
         clock.lap("observe")
-        culled = self._cull(gray, depth_m, whole, frame)
+        culled = self._cull(picture, whole, frame)
         features = Features(whole.points[culled.points], whole.lines[culled.lines])
         clock.lap("cull")
         if self.reference is None:
@@ -66,18 +74,18 @@ class DplSlam:
         """The whole run, each frame where its keyframe is now."""
         return self.history.result()
 
-    def _observe(self, gray: Array, depth_m: Array) -> Features:
+    def _observe(self, picture: Picture) -> Features:
         with ThreadPoolExecutor(1) as pool:       # cv2 lets go of the interpreter's lock
-            lines = pool.submit(self.lines, gray, depth_m)
-            points = self.points(gray, depth_m)
+            lines = pool.submit(self.lines, picture.gray, picture.depth_m)
+            points = self.points(picture.gray, picture.depth_m)
             return Features(points, lines.result())
 
-    def _cull(self, gray: Array, depth_m: Array, features: Features, frame: Frame) -> Culled:
+    def _cull(self, picture: Picture, features: Features, frame: Frame) -> Culled:
         if not self.config.cull.enabled:
             nothing = np.zeros((0, 2))
             return Culled(np.ones(len(features.points), bool), np.ones(len(features.lines), bool),
                           nothing, np.zeros((0, 4)))
-        return self.movers(gray, depth_m, features, frame.boxes, frame.stamp_s,
+        return self.movers(picture.gray, picture.depth_m, features, frame.boxes, frame.stamp_s,
                            self.history.expected_motion(frame.stamp_s))
 
     def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
@@ -103,9 +111,39 @@ class DplSlam:
     def _insert(self, row: int, tracked: TrackedFrame) -> None:
         """Make a keyframe of a frame; it is the one that later frames lean on."""
         keyframe = self.mapper.insert(self.map, row, tracked)
-        self.reference = keyframe
+        assert self.picture is not None
+        held = np.flatnonzero(keyframe.point_of >= 0)
+        depth = keyframe.features.points.depth_m[held]
+        self._learn(keyframe, held)
+        self.anchors.cut(keyframe.point_of[held], keyframe.features.points.uv_px[held],
+                         np.where(depth > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0),
+                         self.picture, keyframe.number)
+        self.reference, self.most_held = keyframe, 0
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
+
+    def _learn(self, keyframe: Keyframe, held: Array) -> None:
+        c, T = self.config, keyframe.T_world_camera
+        rows = keyframe.point_of[held]
+        self.point_certainty.add(rows, self.map.points.xyz[rows, 0], of_points(
+            keyframe.features.points[held], c.track.point_sigma_px, c.orb.scale,
+            c.depth.inverse_depth_sigma), T, self.intrinsics, c.track.kernel_width)
+        lines = np.flatnonzero(keyframe.line_of >= 0)
+        rows = keyframe.line_of[lines]
+        ends = self.map.lines.xyz[rows]
+        self.line_certainty.add(
+            (2 * rows[:, None] + [0, 1]).reshape(-1), ends.reshape(-1, 3), of_line_ends(
+                ends, keyframe.features.lines[lines], T, self.intrinsics, c.track.line_sigma_px,
+                c.depth.inverse_depth_sigma), T, self.intrinsics, c.track.kernel_width)
+
+    def _covariance(self, pairs: Pairs, p_rows: Array, q_rows: Array, T_world_camera: Array
+                    ) -> Array:
+        """(P + 2 Q, 3, 3) of landmarks, as the map knows them."""
+        far_p = np.linalg.norm(pairs.xyz - T_world_camera[:3, 3], axis=1)
+        far_q = np.linalg.norm(pairs.ends.reshape(-1, 3) - T_world_camera[:3, 3], axis=1)
+        return np.concatenate([
+            self.point_certainty.covariance(p_rows, far_p),
+            self.line_certainty.covariance((2 * q_rows[:, None] + [0, 1]).reshape(-1), far_q)])
 
     def _track(self, frame: Frame, before: TrackedFrame, features: Features
                ) -> tuple[TrackedFrame | None, Fit | None]:
@@ -139,7 +177,23 @@ class DplSlam:
         fit = self.tracker.fit(T_world_camera, pairs, features)
         if fit.inliers < c.min_inliers:
             return None, None
+        if self.config.anchors.enabled:
+            features = self._sharpen(features, pairs, fit, p_rows)
+        T = fit.T_world_camera
+        fit = self.tracker.fit(T, pairs, features, self._covariance(pairs, p_rows, q_rows, T))
         return self._associated(features, pairs, fit, p_rows, q_rows), fit
+
+    def _sharpen(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array) -> Features:
+        """Features of which those that fit are aligned with the patches of their landmarks."""
+        assert self.picture is not None
+        at = np.flatnonzero(fit.point_fits)
+        T_keyframe_world = se3.inverse(np.array([k.T_world_camera for k in self.map.keyframes]))
+        expected = project(self.intrinsics, se3.transform_points(
+            se3.inverse(fit.T_world_camera), pairs.xyz[at]))
+        aligned = self.anchors.align(p_rows[at], T_keyframe_world, fit.T_world_camera, expected,
+                                     self.picture)
+        return Features(sharpened(features.points, pairs.point[at], aligned,
+                                  self.config.anchors.sigma_px), features.lines)
 
     def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,
                     q_rows: Array) -> TrackedFrame:
@@ -167,11 +221,12 @@ class DplSlam:
 
     def _keyframe_due(self, tracked: TrackedFrame, row: int) -> bool:
         assert self.reference is not None
-        c, reference = self.config.mapping, self.reference
-        held = self.map.well_seen(reference, 3 if len(self.map.keyframes) > 2 else 1)
-        now = np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0)
+        now = int(np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0))
+        self.most_held = max(self.most_held, now)
+        c = self.config.mapping
         fresh = np.count_nonzero((tracked.point_of < 0) & (tracked.features.points.depth_m > 0))
-        return bool(row - reference.frame >= c.max_gap or now < c.keyframe_share * held
+        return bool(row - self.reference.frame >= c.max_gap
+                    or now < c.keyframe_share * self.most_held
                     or (now < c.min_points and fresh > now // 2))
 
     def _lose(self, frame: Frame, features: Features, reason: str, clock: Stopwatch
@@ -203,13 +258,6 @@ class DplSlam:
             if fit is not None and fit.inliers >= self.config.track.relocalise_inliers:
                 return tracked, fit
         return None, None
-
-
-def clean_depth(depth_m: Array, config: DepthConfig) -> Array:
-    """Depth (H, W) with 0 wherever it is none: not finite, or too near to be one."""
-    with np.errstate(invalid="ignore"):
-        good = (depth_m >= config.min_m) & np.isfinite(depth_m)
-    return np.where(good, depth_m, np.float32(0.0))
 
 
 def _worth(features: Features) -> int:
