@@ -106,8 +106,8 @@ def sharpened(points: KeyPoints, which: Array, aligned: RefinedMatches, sigma_px
     good = aligned.converged
     at = which[good]
     uv = points.uv_px.copy()
-    whitening = (np.zeros((len(points), 3)) if points.whitening is None
+    whitening = (np.zeros((len(points), 4)) if points.whitening is None
                  else points.whitening.copy())
     uv[at] = aligned.uv_current[good]
-    whitening[at] = whitening_of(aligned.covariance[good] + sigma_px**2 * np.eye(2))
+    whitening[at, :3] = whitening_of(aligned.covariance[good] + sigma_px**2 * np.eye(2))
     return replace(points, uv_px=uv, whitening=whitening)

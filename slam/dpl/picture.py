@@ -25,6 +25,11 @@ class Picture:
         return cls(np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)),
                    clean_depth(frame.depth_m, config))
 
+    @classmethod
+    def without_depth(cls, rgb: Array) -> Picture:
+        gray = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+        return cls(gray, np.zeros(gray.shape, np.float32))
+
     @cached_property
     def smooth(self) -> Array:
         """(H, W) float32 that patches are aligned on."""

@@ -69,19 +69,26 @@ def _whole_whitening(T, xyz, whitening, covariance, camera):  # type: ignore[no-
     n = len(xyz)
     out = np.zeros((n, 6))
     r, J, V = np.empty(3), np.zeros((3, 6)), np.empty((3, 3))
-    none, S = np.zeros(2), np.empty((3, 3))
+    none, S, VP = np.zeros(2), np.empty((3, 3)), np.empty((3, 3))
     for i in range(n):
         l00, l10, l11, l22 = whitening[i]
         if len(covariance) == 0 or not landmark_row(T, xyz[i], none, 0.0, camera, r, J, V):
             out[i, 0], out[i, 1], out[i, 2], out[i, 5] = l00, l10, l11, l22
             continue
-        S[:] = V @ covariance[i] @ V.T
+        for a in range(3):
+            for b in range(3):
+                VP[a, b] = 0.0
+                for k in range(3):
+                    VP[a, b] += V[a, k] * covariance[i, k, b]
+        for a in range(3):
+            for b in range(a + 1):
+                S[a, b] = VP[a, 0] * V[b, 0] + VP[a, 1] * V[b, 1] + VP[a, 2] * V[b, 2]
         # Σ of the pixel from its whitening: (L⁻¹ᵀ L⁻¹)⁻¹.
-        a, c = 1.0 / l00, 1.0 / l11
-        b = -l10 * a * c
-        S[0, 0] += a * a
-        S[1, 0] += a * b
-        S[1, 1] += b * b + c * c
+        uu, vv = 1.0 / l00, 1.0 / l11
+        vu = -l10 * uu * vv
+        S[0, 0] += uu * uu
+        S[1, 0] += uu * vu
+        S[1, 1] += vu * vu + vv * vv
         m00 = np.sqrt(S[0, 0])
         m10 = S[1, 0] / m00
         m11 = np.sqrt(max(S[1, 1] - m10 * m10, 1e-12))

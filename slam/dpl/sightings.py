@@ -48,7 +48,9 @@ def of_points(points: KeyPoints, sigma_px: float, scale: float, rho_sigma: float
     whitening = np.stack([across, np.zeros(n), across, np.where(known, 1.0 / rho_sigma, 0.0)], 1)
     if points.whitening is not None:
         aligned = points.whitening[:, 0] > 0
-        whitening[aligned, :3] = points.whitening[aligned]
+        whitening[aligned, :3] = points.whitening[aligned, :3]
+        told = known & (points.whitening[:, 3] > 0)
+        whitening[told, 3] = points.whitening[told, 3]
     return Sightings(points.uv_px, whitening,
                      np.where(known, 1.0 / np.where(known, points.depth_m, 1.0), 0.0))
 

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
 from slam.dpl.anchors import Anchors, sharpened
 from slam.dpl.certainty import Certainty
 from slam.dpl.config import DplConfig
-from slam.dpl.features import Features
+from slam.dpl.features import Features, KeyLines
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
 from slam.dpl.lines import LineDetector
 from slam.dpl.mapping import LocalMapper
-from slam.dpl.movers import Culled, MoverCuller
+from slam.dpl.movers import MoverCuller
 from slam.dpl.orb import OrbDetector
 from slam.dpl.picture import Picture
 from slam.dpl.relocalise import places
 from slam.dpl.sightings import of_line_ends, of_points
+from slam.dpl.stereo import StereoMatcher
 from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import project
 from slam.systems.stopwatch import Stopwatch
-from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
+from slam.types import Frame, FrameEstimate, Intrinsics, Judged, SlamResult, Status
 
 _MIN_TO_BEGIN = 50       # points with depth (a line counts for ten) with which a map can begin
 _GIVE_UP_AFTER = 15      # lost frames with features in a row; then a new part of the map begins
@@ -34,18 +36,24 @@ _TRIED = 10              # keyframes in which a lost frame is sought, at once
 class DplSlam:
     """Points and lines, dynamic ones removed, against a map of keyframes."""
 
+    matches_stereo = True    # frames with a right picture need no depth
+
     def __init__(self, intrinsics: Intrinsics, config: DplConfig | None = None) -> None:
         self.intrinsics = intrinsics
         self.config = config = DplConfig() if config is None else config
         self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
         self.point_certainty, self.line_certainty = Certainty(), Certainty()
+        # Many in the right picture, so that most of the left ones have a partner there.
+        self.right_points = OrbDetector(replace(config.orb, count=2 * config.orb.count))
         self.movers = MoverCuller(intrinsics, config)
+        self.stereo = StereoMatcher(intrinsics, config.stereo, config.orb.scale)
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
         self.anchors = Anchors(intrinsics, config.anchors, config.depth.inverse_depth_sigma)
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
         self.picture: Picture | None = None
+        self._beside = ThreadPoolExecutor(1)     # cv2 lets go of the interpreter's lock
         self.before: TrackedFrame | None = None
         self.reference: Keyframe | None = None
         self.lost_with_features = 0
@@ -55,11 +63,12 @@ class DplSlam:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
         self.picture = picture = Picture.of(frame, self.config.depth)
-        whole = self._observe(picture)
-        clock.lap("observe")
-        culled = self._cull(picture, whole, frame)
-        features = Features(whole.points[culled.points], whole.lines[culled.lines])
-        clock.lap("cull")
+        features, judged = self._observe(picture, frame, clock)
+        estimate = self._localise(frame, features, clock)
+        reason = "; ".join(part for part in (estimate.reason, self.stereo.fault) if part)
+        return replace(estimate, judged=judged, reason=reason)
+
+    def _localise(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         if self.reference is None:
             return self._begin(frame, features, clock)
         if self.before is None:
@@ -74,19 +83,39 @@ class DplSlam:
         """The whole run, each frame where its keyframe is now."""
         return self.history.result()
 
-    def _observe(self, picture: Picture) -> Features:
-        with ThreadPoolExecutor(1) as pool:       # cv2 lets go of the interpreter's lock
-            lines = pool.submit(self.lines, picture.gray, picture.depth_m)
-            points = self.points(picture.gray, picture.depth_m)
-            return Features(points, lines.result())
+    def _observe(self, picture: Picture, frame: Frame, clock: Stopwatch
+                 ) -> tuple[Features, Judged | None]:
+        """The features that stay, and what was judged of all of them."""
+        culls = self.config.cull.enabled
+        pair = self._right_of(frame, picture)
+        lines = self._beside.submit(self._lines_of, picture, pair)
+        points = [self.points(picture.gray, picture.depth_m),
+                  *(self.right_points(each.gray) for each in pair)]
+        clock.lap("points")
+        if culls:
+            moved = self.movers.test(picture.gray, picture.depth_m, frame.boxes,
+                                     self.history.expected_motion(frame.stamp_s))
+            clock.lap("movers")
+        whole, *right = (Features(p, q) for p, q in zip(points, lines.result(), strict=True))
+        clock.lap("wait for lines")
+        if pair:
+            whole = self.stereo(whole, right[0], picture.smooth, pair[0].smooth)
+            clock.lap("stereo")
+        if not culls:
+            return whole, None
+        culled = self.movers.cull(whole, moved, frame.stamp_s)
+        clock.lap("cull")
+        return (Features(whole.points[culled.points], whole.lines[culled.lines]),
+                Judged(whole.points.uv_px, ~culled.points, whole.lines.ends_px, ~culled.lines))
 
-    def _cull(self, picture: Picture, features: Features, frame: Frame) -> Culled:
-        if not self.config.cull.enabled:
-            nothing = np.zeros((0, 2))
-            return Culled(np.ones(len(features.points), bool), np.ones(len(features.lines), bool),
-                          nothing, np.zeros((0, 4)))
-        return self.movers(picture.gray, picture.depth_m, features, frame.boxes, frame.stamp_s,
-                           self.history.expected_motion(frame.stamp_s))
+    def _right_of(self, frame: Frame, picture: Picture) -> list[Picture]:
+        """The right picture, where depth must come from it."""
+        if frame.right is None or self.intrinsics.baseline_m is None or picture.depth_m.any():
+            return []
+        return [Picture.without_depth(frame.right)]
+
+    def _lines_of(self, picture: Picture, pair: list[Picture]) -> list[KeyLines]:
+        return [self.lines(each.gray, each.depth_m) for each in (picture, *pair)]
 
     def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         """The first keyframe, once there is something to see."""
