@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
-from slam.dpl.anchors import Anchors, sharpened
-from slam.dpl.certainty import Certainty
 from slam.dpl.config import DplConfig
-from slam.dpl.features import Features, KeyLines
+from slam.dpl.features import Features
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
-from slam.dpl.lines import LineDetector
 from slam.dpl.mapping import LocalMapper
-from slam.dpl.movers import MoverCuller
-from slam.dpl.orb import OrbDetector
+from slam.dpl.memory import LandmarkMemory
+from slam.dpl.observe import FrameObserver
 from slam.dpl.picture import Picture
 from slam.dpl.relocalise import places
-from slam.dpl.sightings import of_line_ends, of_points
-from slam.dpl.stereo import StereoMatcher
 from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
-from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.geometry.camera import project
 from slam.systems.stopwatch import Stopwatch
-from slam.types import Frame, FrameEstimate, Intrinsics, Judged, SlamResult, Status
+from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
 
 _MIN_TO_BEGIN = 50       # points with depth (a line counts for ten) with which a map can begin
 _GIVE_UP_AFTER = 15      # lost frames with features in a row; then a new part of the map begins
@@ -41,19 +33,13 @@ class DplSlam:
     def __init__(self, intrinsics: Intrinsics, config: DplConfig | None = None) -> None:
         self.intrinsics = intrinsics
         self.config = config = DplConfig() if config is None else config
-        self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
-        self.point_certainty, self.line_certainty = Certainty(), Certainty()
-        # Many in the right picture, so that most of the left ones have a partner there.
-        self.right_points = OrbDetector(replace(config.orb, count=2 * config.orb.count))
-        self.movers = MoverCuller(intrinsics, config)
-        self.stereo = StereoMatcher(intrinsics, config.stereo, config.orb.scale)
+        self.observe = FrameObserver(intrinsics, config)
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
-        self.anchors = Anchors(intrinsics, config.anchors, config.depth.inverse_depth_sigma)
+        self.memory = LandmarkMemory(intrinsics, config)
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
         self.picture: Picture | None = None
-        self._beside = ThreadPoolExecutor(1)     # cv2 lets go of the interpreter's lock
         self.before: TrackedFrame | None = None
         self.reference: Keyframe | None = None
         self.lost_with_features = 0
@@ -63,9 +49,10 @@ class DplSlam:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
         self.picture = picture = Picture.of(frame, self.config.depth)
-        features, judged = self._observe(picture, frame, clock)
+        features, judged = self.observe(
+            picture, frame, self.history.expected_motion(frame.stamp_s), clock.lap)
         estimate = self._localise(frame, features, clock)
-        reason = "; ".join(part for part in (estimate.reason, self.stereo.fault) if part)
+        reason = "; ".join(part for part in (estimate.reason, self.observe.stereo.fault) if part)
         return replace(estimate, judged=judged, reason=reason)
 
     def _localise(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
@@ -82,40 +69,6 @@ class DplSlam:
     def finish(self) -> SlamResult:
         """The whole run, each frame where its keyframe is now."""
         return self.history.result()
-
-    def _observe(self, picture: Picture, frame: Frame, clock: Stopwatch
-                 ) -> tuple[Features, Judged | None]:
-        """The features that stay, and what was judged of all of them."""
-        culls = self.config.cull.enabled
-        pair = self._right_of(frame, picture)
-        lines = self._beside.submit(self._lines_of, picture, pair)
-        points = [self.points(picture.gray, picture.depth_m),
-                  *(self.right_points(each.gray) for each in pair)]
-        clock.lap("points")
-        if culls:
-            moved = self.movers.test(picture.gray, picture.depth_m, frame.boxes,
-                                     self.history.expected_motion(frame.stamp_s))
-            clock.lap("movers")
-        whole, *right = (Features(p, q) for p, q in zip(points, lines.result(), strict=True))
-        clock.lap("wait for lines")
-        if pair:
-            whole = self.stereo(whole, right[0], picture.smooth, pair[0].smooth)
-            clock.lap("stereo")
-        if not culls:
-            return whole, None
-        culled = self.movers.cull(whole, moved, frame.stamp_s)
-        clock.lap("cull")
-        return (Features(whole.points[culled.points], whole.lines[culled.lines]),
-                Judged(whole.points.uv_px, ~culled.points, whole.lines.ends_px, ~culled.lines))
-
-    def _right_of(self, frame: Frame, picture: Picture) -> list[Picture]:
-        """The right picture, where depth must come from it."""
-        if frame.right is None or self.intrinsics.baseline_m is None or picture.depth_m.any():
-            return []
-        return [Picture.without_depth(frame.right)]
-
-    def _lines_of(self, picture: Picture, pair: list[Picture]) -> list[KeyLines]:
-        return [self.lines(each.gray, each.depth_m) for each in (picture, *pair)]
 
     def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         """The first keyframe, once there is something to see."""
@@ -141,38 +94,10 @@ class DplSlam:
         """Make a keyframe of a frame; it is the one that later frames lean on."""
         keyframe = self.mapper.insert(self.map, row, tracked)
         assert self.picture is not None
-        held = np.flatnonzero(keyframe.point_of >= 0)
-        depth = keyframe.features.points.depth_m[held]
-        self._learn(keyframe, held)
-        self.anchors.cut(keyframe.point_of[held], keyframe.features.points.uv_px[held],
-                         np.where(depth > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0),
-                         self.picture, keyframe.number)
+        self.memory.learn(self.map, keyframe, self.picture)
         self.reference, self.most_held = keyframe, 0
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
-
-    def _learn(self, keyframe: Keyframe, held: Array) -> None:
-        c, T = self.config, keyframe.T_world_camera
-        rows = keyframe.point_of[held]
-        self.point_certainty.add(rows, self.map.points.xyz[rows, 0], of_points(
-            keyframe.features.points[held], c.track.point_sigma_px, c.orb.scale,
-            c.depth.inverse_depth_sigma), T, self.intrinsics, c.track.kernel_width)
-        lines = np.flatnonzero(keyframe.line_of >= 0)
-        rows = keyframe.line_of[lines]
-        ends = self.map.lines.xyz[rows]
-        self.line_certainty.add(
-            (2 * rows[:, None] + [0, 1]).reshape(-1), ends.reshape(-1, 3), of_line_ends(
-                ends, keyframe.features.lines[lines], T, self.intrinsics, c.track.line_sigma_px,
-                c.depth.inverse_depth_sigma), T, self.intrinsics, c.track.kernel_width)
-
-    def _covariance(self, pairs: Pairs, p_rows: Array, q_rows: Array, T_world_camera: Array
-                    ) -> Array:
-        """(P + 2 Q, 3, 3) of landmarks, as the map knows them."""
-        far_p = np.linalg.norm(pairs.xyz - T_world_camera[:3, 3], axis=1)
-        far_q = np.linalg.norm(pairs.ends.reshape(-1, 3) - T_world_camera[:3, 3], axis=1)
-        return np.concatenate([
-            self.point_certainty.covariance(p_rows, far_p),
-            self.line_certainty.covariance((2 * q_rows[:, None] + [0, 1]).reshape(-1), far_q)])
 
     def _track(self, frame: Frame, before: TrackedFrame, features: Features
                ) -> tuple[TrackedFrame | None, Fit | None]:
@@ -206,23 +131,14 @@ class DplSlam:
         fit = self.tracker.fit(T_world_camera, pairs, features)
         if fit.inliers < c.min_inliers:
             return None, None
-        if self.config.anchors.enabled:
-            features = self._sharpen(features, pairs, fit, p_rows)
         T = fit.T_world_camera
-        fit = self.tracker.fit(T, pairs, features, self._covariance(pairs, p_rows, q_rows, T))
+        if self.config.anchors.enabled:
+            assert self.picture is not None
+            features = self.memory.sharpen(self.map, features, pairs, fit.point_fits, p_rows, T,
+                                           self.picture)
+        fit = self.tracker.fit(T, pairs, features,
+                               self.memory.covariance(pairs, p_rows, q_rows, T))
         return self._associated(features, pairs, fit, p_rows, q_rows), fit
-
-    def _sharpen(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array) -> Features:
-        """Features of which those that fit are aligned with the patches of their landmarks."""
-        assert self.picture is not None
-        at = np.flatnonzero(fit.point_fits)
-        T_keyframe_world = se3.inverse(np.array([k.T_world_camera for k in self.map.keyframes]))
-        expected = project(self.intrinsics, se3.transform_points(
-            se3.inverse(fit.T_world_camera), pairs.xyz[at]))
-        aligned = self.anchors.align(p_rows[at], T_keyframe_world, fit.T_world_camera, expected,
-                                     self.picture)
-        return Features(sharpened(features.points, pairs.point[at], aligned,
-                                  self.config.anchors.sigma_px), features.lines)
 
     def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,
                     q_rows: Array) -> TrackedFrame:
