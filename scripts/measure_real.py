@@ -52,6 +52,7 @@ def main() -> None:
 def _scored(sequence: Sequence, chosen: argparse.Namespace) -> dict[str, Any]:
     feed = Feed(sequence, InputChoice(flow="dis"))
     system, _ = load_system(chosen.system, feed.intrinsics, chosen.settings)
+    feed.leave_stereo_to(system)
     record = run(system, feed)
     for entry in record.log:
         print(f"{sequence.name}: {entry.splitlines()[0]}")

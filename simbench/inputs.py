@@ -51,6 +51,7 @@ class Feed:
         if self.sensor.exposure_s > 0 and self._rendered is None:
             raise UserError(f"--sensor {self.sensor.name}: motion blur must be rendered, and "
                             f"{sequence.name} is on disk; generate it with this sensor")
+        self._dense_stereo = True
         self._length = len(sequence) if frames is None else min(frames, len(sequence))
         self._objects: dict[int, dict[int, int]] = {}
         self._recorded: dict[int, Frame] = {}
@@ -62,6 +63,10 @@ class Feed:
 
     def __len__(self) -> int:
         return self._length
+
+    def leave_stereo_to(self, system: object) -> None:
+        """Give a system that says `matches_stereo` the pairs alone where depth is from stereo."""
+        self._dense_stereo = not getattr(system, "matches_stereo", False)
 
     def frame(self, k: int) -> Frame:
         """Frame k as the system sees it; frame 0 has no flow.
@@ -125,6 +130,8 @@ class Feed:
         if kind == "given":
             return self._record(k).depth_m
         if kind == "stereo":
+            if not self._dense_stereo:
+                return np.zeros(rgb.shape[:2], np.float32)
             return _stereo_depth(rgb, right, self.intrinsics)
         depth_m = self._truth.frame(k).depth_m
         if kind == "truth":

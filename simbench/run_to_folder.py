@@ -21,6 +21,7 @@ from simbench.external import read_camera, read_motions
 from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.metrics.association import nearest_objects, owners
+from simbench.metrics.culling import CullingErrors
 from simbench.metrics.deforming import RigidFits, rigid_fit_metrics
 from simbench.metrics.estimates import (
     CameraEstimates,
@@ -66,20 +67,22 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
         OSError: the folder cannot be written.
     """
     system, resolved = load_system(system_name, feed.intrinsics, settings)
+    feed.leave_stereo_to(system)
     run_folder.prepare(out)
     truth = feed.sequence.truth
     exact = truth is not None and truth.has_images
     film = Filmstrip(len(feed))
-    flow, fits = FlowErrors(truth if exact else None), RigidFits(truth if exact else None)
+    shown = truth if exact else None
+    flow, culling, fits = FlowErrors(shown), CullingErrors(shown), RigidFits(shown)
     given = HashedFeed(feed)
-    observers = (film, flow, fits) if report else (flow, fits)
+    observers = (film, flow, culling, fits) if report else (flow, culling, fits)
     with captured_log() as said:
         record = run(system, given, progress=progress, observers=observers)
         trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
         scores = score(trajectories, record, exact=exact)
     entries = (*log, *said, *record.log)
-    if flow.metrics():
-        scores["flow"] = flow.metrics()
+    scores |= {name: block for name, block in (("flow", flow.metrics()),
+                                               ("culling", culling.metrics())) if block}
     metrics = head(system_name, feed.sequence, len(feed)) | scores
     metrics["sequence"]["given_sha256"] = given.hexdigest()
     config = run_folder.plain({

@@ -110,6 +110,20 @@ class Segments2D:
         return len(self.endpoints_px)
 
 
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Features of one frame that a system judged to move or to stand still."""
+
+    points_px: Array         # (N, 2)
+    points_dynamic: Array    # (N,) bool: left out
+    segments_px: Array       # (L, 2, 2)
+    segments_dynamic: Array  # (L,) bool
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, points_px=("N", 2), points_dynamic=("N",), segments_px=("L", 2, 2),
+                      segments_dynamic=("L",))
+
+
 class Status(StrEnum):
     """How the camera pose of a frame came about."""
 
@@ -150,6 +164,7 @@ class FrameEstimate:
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # stage -> milliseconds
     static_labels: tuple[int, ...] = ()   # mask labels judged not to move
     covariance: Array | None = None       # (6, 6) of T_previous_camera Exp(ξ), where asked for
+    judged: Judged | None = None          # of systems that leave out dynamic features
 
     def __post_init__(self) -> None:
         freeze_fields(self, T_world_camera=(4, 4), T_previous_camera=(4, 4), covariance=(6, 6))

@@ -36,6 +36,22 @@ class DepthConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class StereoConfig:
+    """Matching of rectified pairs (III-A.1), where frames bring no depth."""
+
+    row_px: float = 2.0              # from a point's row, at the finest level (ORB-SLAM)
+    min_disparity_px: float = 1.0    # farther than this the depth says nothing
+    max_disparity_px: float = 192.0  # 2 m on KITTI
+    descriptor_distance: int = 75    # bits of 256 (ORB-SLAM)
+    max_move_px: float = 3.0         # of the alignment; farther is a failure
+    sigma_px: float = 0.2            # of disparities, beside what the patches tell
+    grid_rows: int = 48              # of cells that segments must share (PL-SLAM)
+    line_distance: int = 80          # bits
+    line_cosine: float = 0.94        # of the directions: 20°
+    line_overlap: float = 0.75       # of the rows
+
+
+@dataclass(frozen=True, slots=True)
 class CullConfig:
     """Dynamic features (III-B)."""
 
@@ -77,6 +93,16 @@ class TrackConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class AnchorConfig:
+    """Map points aligned with the patch of their first sighting."""
+
+    enabled: bool = True
+    radius_px: int = 5               # 11×11 patches
+    min_correlation: float = 0.85
+    sigma_px: float = 0.3            # of aligned points, beside what the patches tell
+
+
+@dataclass(frozen=True, slots=True)
 class MappingConfig:
     """Keyframes and local mapping."""
 
@@ -98,6 +124,8 @@ class DplConfig:
     orb: OrbConfig = field(default_factory=OrbConfig)
     lines: LineConfig = field(default_factory=LineConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
+    stereo: StereoConfig = field(default_factory=StereoConfig)
     cull: CullConfig = field(default_factory=CullConfig)
     track: TrackConfig = field(default_factory=TrackConfig)
+    anchors: AnchorConfig = field(default_factory=AnchorConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)

@@ -18,17 +18,20 @@ class KeyPoints:
     angle_deg: Array     # (N,)
     descriptor: Array    # (N, 32) uint8
     depth_m: Array       # (N,) z-depth, 0 where unknown
+    whitening: Array | None = None   # (N, 4) of what is known better than as detected, else 0:
+                                     # lower triangle (uu, vu, vv) of L⁻¹, Σ = L Lᵀ px²; 1/σ of 1/z
 
     def __post_init__(self) -> None:
         freeze_fields(self, uv_px=("N", 2), level=("N",), angle_deg=("N",),
-                      descriptor=("N", 32), depth_m=("N",))
+                      descriptor=("N", 32), depth_m=("N",), whitening=("N", 4))
 
     def __len__(self) -> int:
         return len(self.uv_px)
 
     def __getitem__(self, rows: Array) -> KeyPoints:
         return KeyPoints(self.uv_px[rows], self.level[rows], self.angle_deg[rows],
-                         self.descriptor[rows], self.depth_m[rows])
+                         self.descriptor[rows], self.depth_m[rows],
+                         None if self.whitening is None else self.whitening[rows])
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ def _popcount(x):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, inline="always")
-def _distance(a, b):  # type: ignore[no-untyped-def]
+def hamming(a, b):  # type: ignore[no-untyped-def]
     total = np.uint64(0)
     for k in range(4):
         total += _popcount(a[k] ^ b[k])
@@ -83,7 +83,7 @@ def _match_near(expected, words, radius, level, uv, seen, level_seen,  # type: i
                 du, dv = uv[j, 0] - u, uv[j, 1] - v
                 if du * du + dv * dv > r * r:
                     continue
-                d = _distance(words[i], seen[j])
+                d = hamming(words[i], seen[j])
                 if d < best:
                     if which < 0 or level_seen[which] == level_seen[j]:
                         second = best
@@ -114,7 +114,7 @@ def _match_all(a, b, max_distance, ratio):  # type: ignore[no-untyped-def]
     for i in range(n):
         best, second, which = 1 << 30, 1 << 30, -1
         for j in range(m):
-            d = _distance(a[i], b[j])
+            d = hamming(a[i], b[j])
             if d < best:
                 second, best, which = best, d, j
             elif d < second:
@@ -176,7 +176,7 @@ def _match_lines(expected, words, ends, seen, radius, max_distance,  # type: ign
             common = min(max(s0, s1), length) - max(min(s0, s1), 0.0)
             if common < min_overlap * min(size, length):
                 continue
-            d = _distance(words[i], seen[j])
+            d = hamming(words[i], seen[j])
             if d < best:
                 best, which = d, j
         if which >= 0 and best < owned[which]:

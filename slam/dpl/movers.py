@@ -48,13 +48,21 @@ class Culled:
     full: Array          # (B, 4) boxes culled whole
 
 
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What was found to move between the frame before and this one."""
+
+    tested_px: Array     # (T, 2) where corners and line ends that could be followed are now
+    dynamic_px: Array    # (D, 2) those of them that moved
+    boxes: Array         # (B, 4) usable boxes of this frame
+
+
 @dataclass(slots=True)
 class _Seen:
     gray: Array
     depth_m: Array
     corners_px: Array
     ends_px: Array       # (L, 2, 2)
-    stamp_s: float
 
 
 class MoverCuller:
@@ -65,19 +73,21 @@ class MoverCuller:
         self._before: _Seen | None = None
         self._moved: list[tuple[Array, float]] = []      # box, when something last moved in it
 
-    def __call__(self, gray: Array, depth_m: Array, features: Features, boxes: Boxes2D | None,
-                 stamp_s: float, T_a_b: Array) -> Culled:
-        """Which features of this frame stay; `T_a_b` is the motion expected since the last."""
-        c = self.config.cull
-        before = self._before
-        self._before = _Seen(gray, depth_m, corners(gray, c.corners), features.lines.ends_px,
-                             stamp_s)
-        area = self._usable(boxes)
+    def test(self, gray: Array, depth_m: Array, boxes: Boxes2D | None, T_a_b: Array) -> Moved:
+        """What moved since the last frame; `T_a_b` is the motion expected since then."""
+        before, area = self._before, self._usable(boxes)
+        self._before = _Seen(gray, depth_m, corners(gray, self.config.cull.corners),
+                             np.zeros((0, 2, 2)))
         if before is None or before.gray.shape != gray.shape:
-            nobody = np.zeros((0, 2))
-            return self._cull(features, nobody, nobody, area, stamp_s)
+            return Moved(np.zeros((0, 2)), np.zeros((0, 2)), area)
         tested, dynamic = self._test(before, gray, depth_m, area, T_a_b)
-        return self._cull(features, tested, dynamic, area, stamp_s)
+        return Moved(tested, dynamic, area)
+
+    def cull(self, features: Features, moved: Moved, stamp_s: float) -> Culled:
+        """Which features of the frame just tested stay (Algorithm 1)."""
+        assert self._before is not None
+        self._before.ends_px = features.lines.ends_px
+        return self._cull(features, moved.tested_px, moved.dynamic_px, moved.boxes, stamp_s)
 
     def _usable(self, boxes: Boxes2D | None) -> Array:
         if boxes is None or not len(boxes.corners_px):

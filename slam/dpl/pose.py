@@ -25,14 +25,21 @@ class PoseFit:
 
 
 def refine_pose(T_world_camera: Array, xyz_world: Array, seen: Sightings, camera: Intrinsics,
-                kernel_width: float, iterations: int) -> PoseFit:
+                kernel_width: float, iterations: int, covariance: Array | None = None) -> PoseFit:
     """Refine a pose so that landmarks (N, 3) fall where they are seen (SDPL eq. 2 and 3's terms).
 
     A step that does not lower the cost is not taken.
+
+    Args:
+        covariance: (N, 3, 3) m² of the landmarks in the world, which adds to the sightings' own as
+            it is at the pose given: to first order they are then eliminated. None: exact.
     """
     T = np.ascontiguousarray(T_world_camera, dtype=np.float64)
-    held = (np.ascontiguousarray(xyz_world, dtype=np.float64), np.ascontiguousarray(seen.uv_px),
-            np.ascontiguousarray(seen.rho), np.ascontiguousarray(seen.whitening),
+    xyz = np.ascontiguousarray(xyz_world, dtype=np.float64)
+    own = np.ascontiguousarray(seen.whitening)
+    uncertain = np.zeros((0, 3, 3)) if covariance is None else np.ascontiguousarray(covariance)
+    held = (xyz, np.ascontiguousarray(seen.uv_px), np.ascontiguousarray(seen.rho),
+            _whole_whitening(T, xyz, own, uncertain, camera_tuple(camera)),
             camera_tuple(camera), float(kernel_width))
     damping = 1e-4
     cost, chi2, H, g = _normal_equations(T, *held)
@@ -57,6 +64,46 @@ def refine_pose(T_world_camera: Array, xyz_world: Array, seen: Sightings, camera
 
 
 @numba.njit(cache=True)
+def _whole_whitening(T, xyz, whitening, covariance, camera):  # type: ignore[no-untyped-def]
+    """(N, 6): lower triangle by rows of L⁻¹, L Lᵀ = Σ + V P Vᵀ, P the landmark's covariance."""
+    n = len(xyz)
+    out = np.zeros((n, 6))
+    r, J, V = np.empty(3), np.zeros((3, 6)), np.empty((3, 3))
+    none, S, VP = np.zeros(2), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(n):
+        l00, l10, l11, l22 = whitening[i]
+        if len(covariance) == 0 or not landmark_row(T, xyz[i], none, 0.0, camera, r, J, V):
+            out[i, 0], out[i, 1], out[i, 2], out[i, 5] = l00, l10, l11, l22
+            continue
+        for a in range(3):
+            for b in range(3):
+                VP[a, b] = 0.0
+                for k in range(3):
+                    VP[a, b] += V[a, k] * covariance[i, k, b]
+        for a in range(3):
+            for b in range(a + 1):
+                S[a, b] = VP[a, 0] * V[b, 0] + VP[a, 1] * V[b, 1] + VP[a, 2] * V[b, 2]
+        # Σ of the pixel from its whitening: (L⁻¹ᵀ L⁻¹)⁻¹.
+        uu, vv = 1.0 / l00, 1.0 / l11
+        vu = -l10 * uu * vv
+        S[0, 0] += uu * uu
+        S[1, 0] += uu * vu
+        S[1, 1] += vu * vu + vv * vv
+        m00 = np.sqrt(S[0, 0])
+        m10 = S[1, 0] / m00
+        m11 = np.sqrt(max(S[1, 1] - m10 * m10, 1e-12))
+        out[i, 0], out[i, 1], out[i, 2] = 1.0 / m00, -m10 / (m00 * m11), 1.0 / m11
+        if l22 <= 0.0:
+            continue
+        m20 = S[2, 0] / m00
+        m21 = (S[2, 1] - m20 * m10) / m11
+        m22 = np.sqrt(max(S[2, 2] + 1.0 / (l22 * l22) - m20 * m20 - m21 * m21, 1e-18))
+        out[i, 3] = -(m20 * out[i, 0] + m21 * out[i, 1]) / m22
+        out[i, 4], out[i, 5] = -m21 * out[i, 2] / m22, 1.0 / m22
+    return out
+
+
+@numba.njit(cache=True)
 def _normal_equations(T, xyz, uv, rho, whitening, camera, width):  # type: ignore[no-untyped-def]
     """Cost, chi2 (N,), H (6, 6) and g (6,) with Cauchy's kernel."""
     n = len(xyz)
@@ -67,12 +114,13 @@ def _normal_equations(T, xyz, uv, rho, whitening, camera, width):  # type: ignor
             chi2[i] = np.inf
             cost += width * width * np.log1p(_UNSEEN_CHI2 / (width * width))
             continue
-        l00, l10, l11, l22 = whitening[i]
-        rw[0], rw[1], rw[2] = l00 * r[0], l10 * r[0] + l11 * r[1], l22 * r[2]
+        l00, l10, l11, l20, l21, l22 = whitening[i]
+        rw[0], rw[1] = l00 * r[0], l10 * r[0] + l11 * r[1]
+        rw[2] = l20 * r[0] + l21 * r[1] + l22 * r[2]
         for c in range(6):
             Jw[0, c] = l00 * J[0, c]
             Jw[1, c] = l10 * J[0, c] + l11 * J[1, c]
-            Jw[2, c] = l22 * J[2, c]
+            Jw[2, c] = l20 * J[0, c] + l21 * J[1, c] + l22 * J[2, c]
         total = rw[0] * rw[0] + rw[1] * rw[1] + rw[2] * rw[2]
         chi2[i] = total
         weight = 1.0 / (1.0 + total / (width * width))

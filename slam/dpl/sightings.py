@@ -41,13 +41,26 @@ def joined(*parts: Sightings) -> Sightings:
 
 
 def of_points(points: KeyPoints, sigma_px: float, scale: float, rho_sigma: float) -> Sightings:
-    """Points: σ grows with the pyramid level."""
+    """Points: σ of those not aligned grows with the pyramid level."""
     n = len(points)
     across = 1.0 / (sigma_px * scale ** points.level.astype(np.float64))
     known = points.depth_m > 0
     whitening = np.stack([across, np.zeros(n), across, np.where(known, 1.0 / rho_sigma, 0.0)], 1)
+    if points.whitening is not None:
+        aligned = points.whitening[:, 0] > 0
+        whitening[aligned, :3] = points.whitening[aligned, :3]
+        told = known & (points.whitening[:, 3] > 0)
+        whitening[told, 3] = points.whitening[told, 3]
     return Sightings(points.uv_px, whitening,
                      np.where(known, 1.0 / np.where(known, points.depth_m, 1.0), 0.0))
+
+
+def whitening_of(covariance: Array) -> Array:
+    """(N, 3): lower triangle (uu, vu, vv) of L⁻¹ for covariances (N, 2, 2) = L Lᵀ."""
+    l00 = np.sqrt(covariance[:, 0, 0])
+    l10 = covariance[:, 1, 0] / l00
+    l11 = np.sqrt(np.maximum(covariance[:, 1, 1] - l10**2, 1e-12))
+    return np.stack([1.0 / l00, -l10 / (l00 * l11), 1.0 / l11], axis=1)
 
 
 def of_line_ends(ends_world: Array, lines: KeyLines, T_world_camera: Array, camera: Intrinsics,
@@ -81,7 +94,4 @@ def _line_whitening(along: Array, sigma_px: float) -> Array:
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     cov = (sigma_px**2 * normal[:, :, None] * normal[:, None]
            + _ALONG_PX**2 * along[:, :, None] * along[:, None])
-    l00 = np.sqrt(cov[:, 0, 0])
-    l10 = cov[:, 1, 0] / l00
-    l11 = np.sqrt(np.maximum(cov[:, 1, 1] - l10**2, 1e-12))
-    return np.stack([1.0 / l00, -l10 / (l00 * l11), 1.0 / l11], axis=1)
+    return whitening_of(cov)

@@ -62,8 +62,13 @@ class PoseTracker:
     def __init__(self, camera: Intrinsics, config: DplConfig) -> None:
         self.camera, self.config = camera, config
 
-    def fit(self, T_world_camera: Array, pairs: Pairs, features: Features) -> Fit:
-        """The pose that pairs support; the feet of line ends are renewed once."""
+    def fit(self, T_world_camera: Array, pairs: Pairs, features: Features,
+            covariance: Array | None = None) -> Fit:
+        """The pose that pairs support; the feet of line ends are renewed once.
+
+        Args:
+            covariance: (P + 2 Q, 3, 3) m² of the points and then of the lines' ends.
+        """
         c = self.config.track
         points, lines = features.points[pairs.point], features.lines[pairs.line]
         sigma_rho = self.config.depth.inverse_depth_sigma
@@ -73,7 +78,8 @@ class PoseTracker:
         for _ in range(2 if len(pairs.line) else 1):
             seen = joined(seen_points, of_line_ends(pairs.ends, lines, T, self.camera,
                                                     c.line_sigma_px, sigma_rho))
-            found = refine_pose(T, xyz, seen, self.camera, c.kernel_width, c.iterations)
+            found = refine_pose(T, xyz, seen, self.camera, c.kernel_width, c.iterations,
+                                covariance)
             T = found.T_world_camera
         fits = np.asarray(found.chi2 < c.gate**2)
         P = len(pairs.point)

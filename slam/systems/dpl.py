@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
-import cv2
 import numpy as np
 
-from slam.dpl.config import DepthConfig, DplConfig
+from slam.dpl.config import DplConfig
 from slam.dpl.features import Features
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
-from slam.dpl.lines import LineDetector
 from slam.dpl.mapping import LocalMapper
-from slam.dpl.movers import Culled, MoverCuller
-from slam.dpl.orb import OrbDetector
+from slam.dpl.memory import LandmarkMemory
+from slam.dpl.observe import FrameObserver
+from slam.dpl.picture import Picture
 from slam.dpl.relocalise import places
 from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
 from slam.geometry.arrays import Array
@@ -29,29 +28,34 @@ _TRIED = 10              # keyframes in which a lost frame is sought, at once
 class DplSlam:
     """Points and lines, dynamic ones removed, against a map of keyframes."""
 
+    matches_stereo = True    # frames with a right picture need no depth
+
     def __init__(self, intrinsics: Intrinsics, config: DplConfig | None = None) -> None:
         self.intrinsics = intrinsics
         self.config = config = DplConfig() if config is None else config
-        self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
-        self.movers = MoverCuller(intrinsics, config)
+        self.observe = FrameObserver(intrinsics, config)
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
+        self.memory = LandmarkMemory(intrinsics, config)
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
+        self.picture: Picture | None = None
         self.before: TrackedFrame | None = None
         self.reference: Keyframe | None = None
         self.lost_with_features = 0
+        self.most_held = 0       # landmarks in a frame since the reference keyframe
 
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
-        gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY))
-        depth_m = clean_depth(frame.depth_m, self.config.depth)
-        whole = self._observe(gray, depth_m)
-        clock.lap("observe")
-        culled = self._cull(gray, depth_m, whole, frame)
-        features = Features(whole.points[culled.points], whole.lines[culled.lines])
-        clock.lap("cull")
+        self.picture = picture = Picture.of(frame, self.config.depth)
+        features, judged = self.observe(
+            picture, frame, self.history.expected_motion(frame.stamp_s), clock.lap)
+        estimate = self._localise(frame, features, clock)
+        reason = "; ".join(part for part in (estimate.reason, self.observe.stereo.fault) if part)
+        return replace(estimate, judged=judged, reason=reason)
+
+    def _localise(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         if self.reference is None:
             return self._begin(frame, features, clock)
         if self.before is None:
@@ -65,20 +69,6 @@ class DplSlam:
     def finish(self) -> SlamResult:
         """The whole run, each frame where its keyframe is now."""
         return self.history.result()
-
-    def _observe(self, gray: Array, depth_m: Array) -> Features:
-        with ThreadPoolExecutor(1) as pool:       # cv2 lets go of the interpreter's lock
-            lines = pool.submit(self.lines, gray, depth_m)
-            points = self.points(gray, depth_m)
-            return Features(points, lines.result())
-
-    def _cull(self, gray: Array, depth_m: Array, features: Features, frame: Frame) -> Culled:
-        if not self.config.cull.enabled:
-            nothing = np.zeros((0, 2))
-            return Culled(np.ones(len(features.points), bool), np.ones(len(features.lines), bool),
-                          nothing, np.zeros((0, 4)))
-        return self.movers(gray, depth_m, features, frame.boxes, frame.stamp_s,
-                           self.history.expected_motion(frame.stamp_s))
 
     def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         """The first keyframe, once there is something to see."""
@@ -103,7 +93,9 @@ class DplSlam:
     def _insert(self, row: int, tracked: TrackedFrame) -> None:
         """Make a keyframe of a frame; it is the one that later frames lean on."""
         keyframe = self.mapper.insert(self.map, row, tracked)
-        self.reference = keyframe
+        assert self.picture is not None
+        self.memory.learn(self.map, keyframe, self.picture)
+        self.reference, self.most_held = keyframe, 0
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
 
@@ -139,6 +131,13 @@ class DplSlam:
         fit = self.tracker.fit(T_world_camera, pairs, features)
         if fit.inliers < c.min_inliers:
             return None, None
+        T = fit.T_world_camera
+        if self.config.anchors.enabled:
+            assert self.picture is not None
+            features = self.memory.sharpen(self.map, features, pairs, fit.point_fits, p_rows, T,
+                                           self.picture)
+        fit = self.tracker.fit(T, pairs, features,
+                               self.memory.covariance(pairs, p_rows, q_rows, T))
         return self._associated(features, pairs, fit, p_rows, q_rows), fit
 
     def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,
@@ -167,11 +166,12 @@ class DplSlam:
 
     def _keyframe_due(self, tracked: TrackedFrame, row: int) -> bool:
         assert self.reference is not None
-        c, reference = self.config.mapping, self.reference
-        held = self.map.well_seen(reference, 3 if len(self.map.keyframes) > 2 else 1)
-        now = np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0)
+        now = int(np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0))
+        self.most_held = max(self.most_held, now)
+        c = self.config.mapping
         fresh = np.count_nonzero((tracked.point_of < 0) & (tracked.features.points.depth_m > 0))
-        return bool(row - reference.frame >= c.max_gap or now < c.keyframe_share * held
+        return bool(row - self.reference.frame >= c.max_gap
+                    or now < c.keyframe_share * self.most_held
                     or (now < c.min_points and fresh > now // 2))
 
     def _lose(self, frame: Frame, features: Features, reason: str, clock: Stopwatch
@@ -203,13 +203,6 @@ class DplSlam:
             if fit is not None and fit.inliers >= self.config.track.relocalise_inliers:
                 return tracked, fit
         return None, None
-
-
-def clean_depth(depth_m: Array, config: DepthConfig) -> Array:
-    """Depth (H, W) with 0 wherever it is none: not finite, or too near to be one."""
-    with np.errstate(invalid="ignore"):
-        good = (depth_m >= config.min_m) & np.isfinite(depth_m)
-    return np.where(good, depth_m, np.float32(0.0))
 
 
 def _worth(features: Features) -> int:

@@ -1,0 +1,71 @@
+"""What is remembered of landmarks beside their place: how they looked, how well they are known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.dpl.anchors import Anchors, sharpened
+from slam.dpl.certainty import Certainty
+from slam.dpl.config import DplConfig
+from slam.dpl.features import Features
+from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.picture import Picture
+from slam.dpl.sightings import of_line_ends, of_points
+from slam.dpl.track import Pairs
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.geometry.camera import project
+from slam.types import Intrinsics
+
+
+class LandmarkMemory:
+    """Learns from keyframes, and makes the sightings of later frames precise."""
+
+    def __init__(self, camera: Intrinsics, config: DplConfig) -> None:
+        self.camera, self.config = camera, config
+        self.anchors = Anchors(camera, config.anchors, config.depth.inverse_depth_sigma)
+        self._points, self._ends = Certainty(), Certainty()
+
+    def learn(self, map_: PointLineMap, keyframe: Keyframe, picture: Picture) -> None:
+        """Remember the landmarks of a keyframe that was just made of this picture."""
+        held = np.flatnonzero(keyframe.point_of >= 0)
+        rows, points = keyframe.point_of[held], keyframe.features.points[held]
+        depth = points.depth_m
+        self.anchors.cut(rows, points.uv_px, np.where(
+            depth > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0), picture, keyframe.number)
+        c, T = self.config, keyframe.T_world_camera
+        rho_sigma, width = c.depth.inverse_depth_sigma, c.track.kernel_width
+        self._points.add(rows, map_.points.xyz[rows, 0], of_points(
+            points, c.track.point_sigma_px, c.orb.scale, rho_sigma), T, self.camera, width)
+        held = np.flatnonzero(keyframe.line_of >= 0)
+        rows = keyframe.line_of[held]
+        ends = map_.lines.xyz[rows]
+        self._ends.add(_rows_of_ends(rows), ends.reshape(-1, 3), of_line_ends(
+            ends, keyframe.features.lines[held], T, self.camera, c.track.line_sigma_px, rho_sigma),
+            T, self.camera, width)
+
+    def covariance(self, pairs: Pairs, point_rows: Array, line_rows: Array, T_world_camera: Array
+                   ) -> Array:
+        """(P + 2 Q, 3, 3) m² of the points and the lines' ends that pairs stand for."""
+        centre = T_world_camera[:3, 3]
+        far_points = np.linalg.norm(pairs.xyz - centre, axis=1)
+        far_ends = np.linalg.norm(pairs.ends.reshape(-1, 3) - centre, axis=1)
+        return np.concatenate([self._points.covariance(point_rows, far_points),
+                               self._ends.covariance(_rows_of_ends(line_rows), far_ends)])
+
+    def sharpen(self, map_: PointLineMap, features: Features, pairs: Pairs, fits: Array,
+                point_rows: Array, T_world_camera: Array, picture: Picture) -> Features:
+        """Features of which the points that fit (P,) are aligned with their landmarks' patches."""
+        at = np.flatnonzero(fits)
+        T_keyframe_world = se3.inverse(np.array([k.T_world_camera for k in map_.keyframes]))
+        expected = project(self.camera, se3.transform_points(se3.inverse(T_world_camera),
+                                                             pairs.xyz[at]))
+        aligned = self.anchors.align(point_rows[at], T_keyframe_world, T_world_camera, expected,
+                                     picture)
+        return Features(sharpened(features.points, pairs.point[at], aligned,
+                                  self.config.anchors.sigma_px), features.lines)
+
+
+def _rows_of_ends(rows: Array) -> Array:
+    """(2 N,) of the two ends of each line."""
+    return np.asarray((2 * rows[:, None] + [0, 1]).reshape(-1))
