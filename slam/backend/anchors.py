@@ -126,7 +126,7 @@ class AnchorTracker:
         found &= ~measured | (change < allowed)
         seen = np.flatnonzero(found)
         # Both pictures of an alignment err alike; each sighting, the first one too, has its half.
-        record.add_observations(PointObservations(
+        record.points.add_observations(PointObservations(
             alive.number[seen], np.full(len(seen), row), uv[seen], 0.5 * covariance[seen],
             surface.rho[seen], self._rho_sigma(surface.gain[seen], measured[seen])))
         missed = np.where(found, 0, alive.missed + 1)
@@ -165,7 +165,7 @@ class AnchorTracker:
         poses = np.stack([T_body_camera[int(b)] for b in bodies])[slot[keep]]
         in_camera = pinhole.back_project(self.intrinsics, uv, 1.0 / rho)
         xyz = np.einsum("nij,nj->ni", poses[:, :3, :3], in_camera) + poses[:, :3, 3]
-        numbers = record.add_landmarks(body, xyz)
+        numbers = record.points.add_landmarks(body, xyz)
         n = len(uv)
         self._images[row] = smooth
         for b in bodies:
@@ -173,7 +173,7 @@ class AnchorTracker:
         self._alive = alive.join(_Anchors(numbers, body, np.full(n, row), uv, rho,
                                           surface.slope[keep], uv, np.zeros(n, np.int64)))
         # Its share of the alignments' noise is known only from them: the bundle fills it in.
-        record.add_observations(PointObservations(
+        record.points.add_observations(PointObservations(
             numbers, np.full(n, row), uv, np.full((n, 2, 2), np.nan), rho,
             self._rho_sigma(surface.gain[keep], np.ones(n, bool))))
 

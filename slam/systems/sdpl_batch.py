@@ -49,7 +49,8 @@ class SdplBatch:
         self.record = MapRecord()
         self._anchors = AnchorTracker(intrinsics, self.backend.anchors,
                                       self.tracker.config.noise)
-        self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle)
+        self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle,
+                                     self.record)
         self._last_row, self._last_pose = 0, np.eye(4)     # of the frame recorded last
         self._body_of_track: dict[int, int] = {}      # of the objects that moved last
 
@@ -65,7 +66,7 @@ class SdplBatch:
         self._record(row, reference, estimate)
         anchored = perf_counter()
         if self.backend.window.enabled:
-            self._window.advance(row, self.record, [STATIC, *self._body_of_track.values()])
+            self._window.advance(row, [STATIC, *self._body_of_track.values()])
             estimate = self._corrected(estimate)
         self._last_row, self._last_pose = row, estimate.T_world_camera
         timings = dict(estimate.timings_ms) | {
