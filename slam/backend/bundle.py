@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.backend.config import BundleConfig
-from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily
+from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily, Room
 from slam.backend.pose_system import add_steps, quadratic, solve_poses
 from slam.factors import odometry_terms
-from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.se3_rows import moved_rows
 from slam.map import LineObservations, PointObservations, no_line_observations
@@ -123,7 +122,7 @@ def levenberg_marquardt(problem: Problem, state: State, config: BundleConfig) ->
         damping = max(damping * 0.1, 1e-9)
         if ended:
             break
-    return state._replace(T_body_camera=se3.orthonormalised(state.T_body_camera))
+    return state
 
 
 class Problem:
@@ -132,11 +131,18 @@ class Problem:
     def __init__(self, path: BodyPath, sightings: PointObservations, prior: LandmarkPrior,
                  camera: Intrinsics, config: BundleConfig,
                  line_sightings: LineObservations | None = None,
-                 line_prior: LandmarkPrior | None = None) -> None:
-        self.points = PointFamily(sightings, prior, camera, config)
+                 line_prior: LandmarkPrior | None = None,
+                 rooms: tuple[Room, Room] | None = None) -> None:
+        """
+        Args:
+            rooms: memory for points and lines that an earlier problem has done with.
+        """
+        point_room, line_room = (Room(3, 3), Room(4, 4)) if rooms is None else rooms
+        self.points = PointFamily(sightings, prior, camera, config, point_room)
         self.lines = LineFamily(
             no_line_observations() if line_sightings is None else line_sightings,
-            no_line_prior(_NO_LINES) if line_prior is None else line_prior, camera, config)
+            no_line_prior(_NO_LINES) if line_prior is None else line_prior, camera, config,
+            line_room)
         self.families: tuple[Family, Family] = self.points, self.lines
         self.band = max(2, *(family.longest for family in self.families))
         self.steps = np.array(path.steps[1:])

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.backend.config import BundleConfig
-from slam.backend.linearise import condense, linearise, linearise_lines
+from slam.backend.linearise import linearise, linearise_lines, whitening
+from slam.backend.settle import condense, drop_misfits, noise_ratios
 from slam.backend.pose_system import quadratic
 from slam.backend.reduced import landmark_steps, reduce_landmarks
 from slam.geometry.arrays import Array
@@ -21,9 +22,6 @@ from slam.map import LineObservations, PointObservations
 from slam.residuals import camera_tuple
 from slam.types import Intrinsics
 
-_MEDIAN_CHI2_1 = 0.4549
-_MEDIAN_CHI2_2 = 1.3863
-_MIN_FOR_SCALE = 50           # sightings from which a noise scale may be read
 _SMALLEST_SCALE2 = 1e-6       # noise-free input must not make the system singular
 
 
@@ -38,30 +36,53 @@ class LandmarkPrior:
 class Linearisation:
     """A family at one point: weighted whitened residuals and derivatives."""
 
-    def __init__(self, sightings: int, rows: int, size: int) -> None:
-        self.r = np.zeros((sightings, rows))
-        self.J = np.zeros((sightings, rows, 6))
-        self.V = np.zeros((sightings, rows, size))
-        self.chi2 = np.zeros(sightings)     # squared whitened length; inf where unseen
+    def __init__(self, r: Array, J: Array, V: Array) -> None:
+        self.r, self.J, self.V = r, J, V    # (M, R), (M, R, 6), (M, R, D)
+        self.chi2 = np.zeros(0)             # (M,) squared whitened length; inf where unseen
         self.place = np.zeros(0)            # of the landmarks
-        self.pull = np.zeros((0, size))     # of the prior
+        self.pull = np.zeros(0)             # (P, D) of the prior
+
+
+class Room:
+    """Memory for two linearisations, taken again by one problem after another.
+
+    Fresh memory costs more than what is written into it.
+    """
+
+    def __init__(self, rows: int, size: int) -> None:
+        """For R rows a sighting and D parameters a landmark."""
+        self.shape = rows, size
+        self._shapes = (rows,), (rows, 6), (rows, size)
+        self._arrays: list[list[Array]] = []
+        self._capacity = -1
+
+    def take(self, count: int) -> tuple[Linearisation, Linearisation]:
+        """Two linearisations of `count` sightings, with anything in them."""
+        if count > self._capacity:
+            self._capacity = count + count // 4
+            self._arrays = [[np.empty((self._capacity, *shape)) for shape in self._shapes]
+                            for _ in range(2)]
+        first, second = (Linearisation(*(part[:count] for part in arrays))
+                         for arrays in self._arrays)
+        return first, second
 
 
 class Family(ABC):
     """Sightings sorted by landmark and frame, as rows of the landmarks and of the path."""
 
     def __init__(self, sightings: PointObservations | LineObservations, prior: LandmarkPrior,
-                 whitening: Array, rows: int, size: int, camera: Intrinsics,
-                 config: BundleConfig) -> None:
+                 camera: Intrinsics, config: BundleConfig, room: Room) -> None:
         self.prior, self.config, self.camera = prior, config, camera_tuple(camera)
-        self.pose, self.landmark = np.array(sightings.frame), np.array(sightings.landmark)
+        self.pose, self.landmark = sightings.frame, sightings.landmark
         self.start = np.searchsorted(self.landmark, np.arange(len(prior.place) + 1))
-        self.whitening = whitening             # (M, 3) of the pixels: lower L⁻¹, then 1/σ of ρ
+        # (M, 3) of the pixels: lower L⁻¹; then 1/σ of each inverse depth.
+        depths = room.shape[0] - 2
+        self.whitening = whitening(sightings.covariance,
+                                   sightings.rho_sigma.reshape(len(self.pose), depths))
         self.uv_scale2 = self.rho_scale2 = 1.0
-        self.now = Linearisation(len(self.pose), rows, size)
-        self._trial = Linearisation(len(self.pose), rows, size)
-        self._inverse = np.zeros((len(prior.place), size, size))
-        self._gradient = np.zeros((len(prior.place), size))
+        self.now, self._trial = room.take(len(self.pose))
+        self._inverse = np.empty_like(prior.information)
+        self._gradient = np.empty(prior.information.shape[:2])
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -71,8 +92,8 @@ class Family(ABC):
         """Frames from the first to the last sighting of a landmark, at most."""
         if len(self) == 0:
             return 1
-        first = self.start[self.landmark]
-        return int(np.max(self.pose - self.pose[first])) + 1
+        seen = np.flatnonzero(np.diff(self.start))
+        return int(np.max(self.pose[self.start[seen + 1] - 1] - self.pose[self.start[seen]])) + 1
 
     def evaluate(self, T: Array, place: Array) -> float:
         """The objective at poses (F, 4, 4) and landmarks; `take_over` makes it the current."""
@@ -105,33 +126,20 @@ class Family(ABC):
         Args:
             leaving: (M,) bool: the sightings that count, their poses taken as they stand.
         """
-        now = self.now
-        information, pull = np.array(self.prior.information), np.array(now.pull)
-        condense(np.flatnonzero(leaving), self.landmark, now.r, now.V, information, pull)
-        trace = np.einsum("pii->p", information)
-        regular = (information + (1e-9 * trace + 1e-12)[:, None, None]
-                   * np.eye(information.shape[1]))
-        return information, self.moved(now.place, -np.linalg.solve(regular, pull[:, :, None])[
-            :, :, 0])
+        now, information = self.now, np.array(self.prior.information)
+        step = condense(np.flatnonzero(leaving), self.landmark, now.r, now.V, information,
+                        np.array(now.pull))
+        return information, self.moved(now.place, step)
 
     def measure_noise(self) -> None:
         """Scale the assumed noise of pixels and of inverse depths to the current residuals.
 
         A landmark's own position takes up one sighting's worth of its residuals.
         """
-        now = self.now
-        count = np.diff(self.start)[self.landmark]
-        seen = np.flatnonzero(np.isfinite(now.chi2) & (count >= 4) & (self.whitening[:, 0] > 0))
-        if len(seen) < _MIN_FOR_SCALE:
-            return
-        weight2 = 1.0 / (1.0 + now.chi2[seen] / self.config.kernel_width**2)
-        square = now.r[seen] ** 2 * (count[seen] / (count[seen] - 1.0) / weight2)[:, None]
-        uv = float(np.median(square[:, 0] + square[:, 1])) / _MEDIAN_CHI2_2
-        known = self.whitening[seen, 3] > 0
-        if np.count_nonzero(known) >= _MIN_FOR_SCALE:
-            rho = float(np.median(square[known, 2:])) / _MEDIAN_CHI2_1
-            self.rho_scale2 = max(self.rho_scale2 * rho, _SMALLEST_SCALE2)
+        uv, rho = noise_ratios(self.start, self.now.r, self.now.chi2, self.whitening,
+                               self.config.kernel_width)
         self.uv_scale2 = max(self.uv_scale2 * uv, _SMALLEST_SCALE2)
+        self.rho_scale2 = max(self.rho_scale2 * rho, _SMALLEST_SCALE2)
 
     def drop_misfits(self) -> None:
         """Leave out landmarks most of whose sightings fit no one place.
@@ -139,11 +147,8 @@ class Family(ABC):
         A patch on the edge of a thing moves with the thing while its depth is of what lies behind:
         all its sightings err to one side, and sighting by sighting the kernel keeps too much.
         """
-        landmarks = len(self.start) - 1
         limit = self.config.misfit_chi2 * self.now.r.shape[1] / 3.0
-        bad = np.bincount(self.landmark, self.now.chi2 > limit, landmarks)
-        misfit = bad > 0.5 * np.diff(self.start)
-        self.whitening[misfit[self.landmark]] = 0.0
+        drop_misfits(self.start, self.now.chi2, limit, self.whitening)
 
     @abstractmethod
     def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:
@@ -162,9 +167,8 @@ class PointFamily(Family):
     """Points (P, 3) in metres."""
 
     def __init__(self, sightings: PointObservations, prior: LandmarkPrior, camera: Intrinsics,
-                 config: BundleConfig) -> None:
-        whitening = np.column_stack([_whitening(sightings.covariance), 1.0 / sightings.rho_sigma])
-        super().__init__(sightings, prior, whitening, 3, 3, camera, config)
+                 config: BundleConfig, room: Room) -> None:
+        super().__init__(sightings, prior, camera, config, room)
         self._uv, self._rho = sightings.uv_px, sightings.rho
 
     def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:
@@ -184,9 +188,8 @@ class LineFamily(Family):
     """Lines (P, 10), as `slam.line_sightings` stores them."""
 
     def __init__(self, sightings: LineObservations, prior: LandmarkPrior, camera: Intrinsics,
-                 config: BundleConfig) -> None:
-        whitening = np.column_stack([_whitening(sightings.covariance), 1.0 / sightings.rho_sigma])
-        super().__init__(sightings, prior, whitening, 4, 4, camera, config)
+                 config: BundleConfig, room: Room) -> None:
+        super().__init__(sightings, prior, camera, config, room)
         self._ends, self._rho = sightings.ends_px, sightings.rho
 
     def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:
@@ -200,11 +203,3 @@ class LineFamily(Family):
 
     def off(self, place: Array, held: Array) -> Array:
         return np.asarray(change_of_lines(held, place))
-
-
-def _whitening(cov: Array) -> Array:
-    """(M, 3): L⁻¹ (00, 10, 11) of covariances (M, 2, 2)."""
-    l00 = np.sqrt(cov[:, 0, 0])
-    l10 = cov[:, 1, 0] / l00
-    l11 = np.sqrt(np.maximum(cov[:, 1, 1] - l10**2, 1e-12))
-    return np.stack([1.0 / l00, -l10 / (l00 * l11), 1.0 / l11], axis=1)

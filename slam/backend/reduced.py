@@ -33,7 +33,7 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, known, pull, damping, S, g,  # typ
     for p in range(len(start) - 1):
         first, last = start[p], start[p + 1]
         _own_block(Vw[first:last], rw[first:last], known[p], pull[p], damping, C, gradient[p])
-        _invert(C, room, inverse[p])
+        invert(C, room, inverse[p])
         _couplings(Vw[first:last], Jw[first:last], W)
         for i in range(first, last):
             k = pose[i]
@@ -116,7 +116,7 @@ def landmark_steps(pose, start, Jw, Vw, inverse, gradient, pose_step):  # type: 
 
 
 @numba.njit(cache=True)
-def _invert(C, L, out):  # type: ignore[no-untyped-def]
+def invert(C, L, out):  # type: ignore[no-untyped-def]
     """Inverse of a symmetric positive matrix (D, D), by Cholesky; 0 where it is not positive.
 
     Args:

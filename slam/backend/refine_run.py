@@ -64,12 +64,14 @@ def _run_of(record: MapRecord, tracked: SlamResult, paths: dict[int, Array]) -> 
 
 
 def filled_in(sightings: Observations) -> Observations:
-    """Sightings sorted by landmark and frame, the first ones with the noise of the later ones.
+    """Sightings by landmark, the first one of each with the noise of the later ones.
 
     Those that are not finite, and landmarks seen once, are left out.
+
+    Args:
+        sightings: by frame.
     """
-    order = np.lexsort((sightings.frame, sightings.landmark))
-    s = taken(sightings, order)
+    s = taken(sightings, np.argsort(sightings.landmark, kind="stable"))
     covariance = np.array(s.covariance)
     fill_first(s.landmark, covariance)
     rho = np.where(s.rho_sigma < np.inf, s.rho, 0.0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State, levenberg_marquardt
 from slam.backend.config import BundleConfig, WindowConfig
-from slam.backend.families import Family
+from slam.backend.families import Family, Room
 from slam.backend.refine_run import filled_in
 from slam.geometry.arrays import Array
 from slam.map import (
@@ -48,12 +48,12 @@ class _Alive:
 
 
 class _Seen(Generic[Landmarks, Observations]):
-    """Landmarks of one kind in the window."""
+    """Landmarks of one kind in the window, body by body."""
 
-    def __init__(self, features: Features[Landmarks, Observations], size: int,
-                 config: WindowConfig, min_sightings: int) -> None:
+    def __init__(self, features: Features[Landmarks, Observations], rows: int, size: int,
+                 config: WindowConfig) -> None:
         self.features, self.size, self.config = features, size, config
-        self.min_sightings = min_sightings
+        self.room = Room(rows, size)
         self.raw = self.sightings = features.no_observations     # as they came; completed
         self._last = -1                                          # number of the newest landmark
         self.alive = self._fresh(features.no_landmarks)
@@ -64,41 +64,46 @@ class _Seen(Generic[Landmarks, Observations]):
         return _Alive(np.array(new.number), np.array(new.body), np.array(place),
                       np.zeros((len(new), self.size, self.size)), np.array(place))
 
-    def take_in(self, row: int) -> None:
-        """The newest frame's landmarks and sightings, by landmark and frame."""
-        self.raw = joined([self.raw, *self.features.observations_of(row)])
-        self.sightings = filled_in(self.raw)
-        for new in self.features.landmarks_after(self._last):
+    def take_in(self, row: int, min_sightings: int) -> None:
+        """The newest frame's landmarks and sightings; all in the order of bodies and landmarks."""
+        fresh = self.features.landmarks_after(self._last)
+        for new in fresh:
             self.alive = self.alive.join(self._fresh(new))
             self._last = int(new.number.max(initial=self._last))
+        if fresh:
+            self.alive = self.alive.take(np.lexsort((self.alive.number, self.alive.body)))
+        self.raw = joined([self.raw, *self.features.observations_of(row)])
+        alive = self.alive
+        by_number = np.argsort(alive.number)
+        place = by_number[np.searchsorted(alive.number, self.raw.landmark, sorter=by_number)]
+        s = filled_in(replace(self.raw, landmark=place))
+        count = np.bincount(s.landmark, minlength=len(alive.number))
+        useful = (count >= min_sightings) | (alive.information[:, 0, 0] > 0)
+        self.sightings = taken(s, np.flatnonzero(useful[s.landmark]))
 
-    def of_body(self, number: int, rows: Array) -> tuple[Observations, Array]:
-        """A body's sightings in the window, by row of the window and of the landmarks returned."""
-        s, alive = self.sightings, self.alive
-        place = np.searchsorted(alive.number, s.landmark)
-        row = np.minimum(np.searchsorted(rows, s.frame), len(rows) - 1)
-        own = (alive.body[place] == number) & (rows[row] == s.frame)
-        count = np.bincount(place[own], minlength=len(alive.number))
-        held = alive.information[:, 0, 0] > 0
-        useful = (count >= self.min_sightings) | ((count > 0) & held)
-        index = np.flatnonzero(own & useful[place])
-        used = np.flatnonzero(useful)
-        landmark = (np.cumsum(useful) - 1)[place[index]]
-        return replace(taken(s, index), landmark=landmark, frame=row[index]), used
+    def of_body(self, number: int, rows: Array) -> tuple[Observations, slice]:
+        """A body's sightings in the window, by row of the window and of its landmarks."""
+        s, body = self.sightings, self.alive.body
+        first, last = np.searchsorted(body, [number, number + 1])
+        begin, end = np.searchsorted(s.landmark, [first, last])
+        own = taken(s, slice(begin, end))
+        return replace(own, landmark=own.landmark - first,
+                       frame=np.searchsorted(rows, own.frame)), slice(first, last)
 
     def begin(self, number: int, family: Family) -> bool:
         """Start with the noise measured so far; False: there is none."""
         family.uv_scale2, family.rho_scale2 = self._scales.get(number, (1.0, 1.0))
         return number in self._scales
 
-    def keep(self, number: int, family: Family, used: Array, leaves: bool) -> None:
+    def keep(self, number: int, family: Family, own: slice, leaves: bool) -> None:
         """Take a body's refined landmarks and noise over, and hold on to what leaves."""
-        family.measure_noise()
-        self.alive.place[used] = family.now.place
+        self.alive.place[own] = family.now.place
         if leaves:
+            # Before the noise is measured anew: with the weights that were used.
             information, held = family.condensed(family.pose == 0)
-            self.alive.information[used] = self.config.prior_weight * information
-            self.alive.held[used] = held
+            self.alive.information[own] = self.config.prior_weight * information
+            self.alive.held[own] = held
+        family.measure_noise()
         measured = np.array([family.uv_scale2, family.rho_scale2])
         before = np.array(self._scales.get(number, measured))
         keep = self.config.noise_memory
@@ -120,13 +125,13 @@ class SlidingWindow:
                  record: MapRecord) -> None:
         self.camera, self.config, self.record = camera, config, record
         self.bundle = replace(bundle, iterations=config.iterations)
-        self.points = _Seen(record.points, 3, config, bundle.min_sightings)
-        self.lines = _Seen(record.lines, 4, config, bundle.min_sightings)
+        self.points = _Seen(record.points, 3, 3, config)
+        self.lines = _Seen(record.lines, 4, 4, config)
 
     def advance(self, row: int, bodies: list[int]) -> None:
         """Take in a frame that is in the record already, and refine the bodies seen in it."""
-        self.points.take_in(row)
-        self.lines.take_in(row)
+        self.points.take_in(row, self.bundle.min_sightings)
+        self.lines.take_in(row, self.bundle.min_sightings)
         for body in bodies:
             if len(self.record.bodies[body].frames) > 1:
                 self._refine(self.record.bodies[body], body)
@@ -138,12 +143,13 @@ class SlidingWindow:
         rows = np.array(body.frames[window])
         s, points = self.points.of_body(number, rows)
         line_s, lines = self.lines.of_body(number, rows)
-        if len(points) + len(lines) == 0:
+        if len(s) + len(line_s) == 0:
             return
         path = BodyPath(np.array(body.poses[window]), np.array(body.steps[window]),
                         np.array(body.information[window]))
         problem = Problem(path, s, _prior(self.points.alive, points), self.camera, self.bundle,
-                          line_s, _prior(self.lines.alive, lines))
+                          line_s, _prior(self.lines.alive, lines),
+                          (self.points.room, self.lines.room))
         begin = State(path.T_body_camera, self.points.alive.place[points],
                       self.lines.alive.place[lines])
         known = [seen.begin(number, family) for seen, family in self._sides(problem)]
@@ -155,12 +161,12 @@ class SlidingWindow:
             return
         body.poses[window] = list(state.T_body_camera)
         leaves = len(rows) == self.config.frames
-        for (seen, family), used in zip(self._sides(problem), (points, lines), strict=True):
-            seen.keep(number, family, used, leaves)
+        for (seen, family), own in zip(self._sides(problem), (points, lines), strict=True):
+            seen.keep(number, family, own, leaves)
 
     def _sides(self, problem: Problem) -> tuple[tuple[_Seen, Family], tuple[_Seen, Family]]:
         return (self.points, problem.points), (self.lines, problem.lines)
 
 
-def _prior(alive: _Alive, used: Array) -> LandmarkPrior:
-    return LandmarkPrior(alive.information[used], alive.held[used])
+def _prior(alive: _Alive, own: slice) -> LandmarkPrior:
+    return LandmarkPrior(alive.information[own], alive.held[own])

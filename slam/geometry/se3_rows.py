@@ -135,7 +135,7 @@ def between_row(A, B, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def moved_rows(T, xi):  # type: ignore[no-untyped-def]
-    """T Exp(ξ) of transforms (N, 4, 4) and tangent vectors (N, 6)."""
+    """T Exp(ξ) of transforms (N, 4, 4) and tangent vectors (N, 6), rotations kept orthonormal."""
     out, step = np.zeros_like(T), np.empty((4, 4))
     for n in range(len(T)):
         exp_row(xi[n], step)
@@ -144,4 +144,18 @@ def moved_rows(T, xi):  # type: ignore[no-untyped-def]
                 out[n, i, j] = (T[n, i, 0] * step[0, j] + T[n, i, 1] * step[1, j]
                                 + T[n, i, 2] * step[2, j] + T[n, i, 3] * step[3, j])
         out[n, 3, 3] = 1.0
+        _orthonormalise(out[n], step)
     return out
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _orthonormalise(T, room):  # type: ignore[no-untyped-def]
+    """One Newton step R ← R (3 I − Rᵀ R) / 2: squares what rounding has added up."""
+    for i in range(3):
+        for j in range(3):
+            square = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
+            room[i, j] = (1.5 if i == j else 0.0) - 0.5 * square
+    for i in range(3):
+        x, y, z = T[i, 0], T[i, 1], T[i, 2]
+        for j in range(3):
+            T[i, j] = x * room[0, j] + y * room[1, j] + z * room[2, j]
