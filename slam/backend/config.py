@@ -7,10 +7,15 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class AnchorConfig:
-    """Landmarks that are found again in each frame by the picture of their first one."""
+    """Points and lines that are found again in each frame by the picture of their first one."""
 
     static_count: int = 300
     object_count: int = 60            # on each object
+    lines: bool = True                # False: points only
+    dynamic_lines: bool = True        # False: lines of the static world only
+    static_lines: int = 60
+    object_lines: int = 10            # on each object
+    line_samples: int = 8             # patches on a line
     every: int = 5                    # frames between detections of new landmarks
     misses: int = 3                   # frames in a row without a sighting that end a landmark
     min_support: float = 0.95         # share of a patch that must lie on one surface

@@ -11,6 +11,7 @@ import numpy as np
 from slam.backend.anchors import PointAnchors
 from slam.backend.config import BackendConfig
 from slam.backend.frame_bodies import frame_bodies
+from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
 from slam.config import SdplConfig
@@ -21,7 +22,7 @@ from slam.geometry.arrays import Array
 from slam.map import STATIC, MapRecord
 from slam.systems.motion_stage import MotionStage, Tracked
 from slam.systems.sdpl import SdplSlam
-from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
+from slam.types import Frame, FrameEstimate, Intrinsics, Segments2D, SlamResult, Status
 
 
 class _HeardMotions(MotionStage):
@@ -50,6 +51,8 @@ class SdplBatch:
         self.record = MapRecord()
         self._points = PointAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
                                     self.record.points)
+        self._lines = LineAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
+                                  self.record.lines)
         self._since_detection = 0
         self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle,
                                      self.record)
@@ -131,19 +134,22 @@ class SdplBatch:
         self._body_of_track = current_bodies
         body_of_label = {m.instance_id: current_bodies[t] for t, m in estimate.objects.items()}
         body_of_label |= dict.fromkeys(estimate.static_labels, STATIC)
-        self._anchor(row, current, poses, body_of_label)
+        self._anchor(row, current, poses, body_of_label, estimate.segments)
 
     def _anchor(self, row: int, current: Observation, poses: dict[int, Array],
-                body_of_label: dict[int, int]) -> None:
+                body_of_label: dict[int, int], segments: Segments2D | None) -> None:
         """Find the landmarks again, and new ones where there are too few."""
         now = frame_bodies(row, current, self._motions.smoothed(current), poses, body_of_label)
         if now is None:
             return
         self._points.follow(now)
+        self._lines.follow(now)
         self._since_detection += 1
         if (self._since_detection >= self.backend.anchors.every
                 or not self._points.bodies.issuperset(poses)):
             self._points.detect(now)
+            if self.backend.anchors.lines and segments is not None:
+                self._lines.detect(now, segments)
             self._since_detection = 0
 
     def _begin_body(self, track: int, centroid_world: Array) -> int:
