@@ -102,10 +102,15 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
                         float(np.sqrt(problem.points.rho_scale2)))
 
 
-def levenberg_marquardt(problem: Problem, state: State, config: BundleConfig) -> State:
-    """Damped steps; one that raises the objective is not taken."""
+def levenberg_marquardt(problem: Problem, state: State, config: BundleConfig,
+                        cost: float | None = None) -> State:
+    """Damped steps; one that raises the objective is not taken.
+
+    Args:
+        cost: the objective, where the problem is linearised at `state` already.
+    """
     damping = 1e-4
-    cost = problem.linearise(*state)
+    cost = problem.linearise(*state) if cost is None else cost
     for _ in range(config.iterations):
         step = problem.step(damping)
         if step is not None:
@@ -205,7 +210,6 @@ class Problem:
         for family in self.families:
             family.measure_noise()
 
-    def drop_misfits(self) -> None:
-        """Leave out landmarks most of whose sightings fit no one place."""
-        for family in self.families:
-            family.drop_misfits()
+    def drop_misfits(self) -> float:
+        """Leave out landmarks most of whose sightings fit no one place; what they cost."""
+        return sum(family.drop_misfits() for family in self.families)

@@ -141,14 +141,15 @@ class Family(ABC):
         self.uv_scale2 = max(self.uv_scale2 * uv, _SMALLEST_SCALE2)
         self.rho_scale2 = max(self.rho_scale2 * rho, _SMALLEST_SCALE2)
 
-    def drop_misfits(self) -> None:
-        """Leave out landmarks most of whose sightings fit no one place.
+    def drop_misfits(self) -> float:
+        """Leave out landmarks most of whose sightings fit no one place; what they cost.
 
         A patch on the edge of a thing moves with the thing while its depth is of what lies behind:
         all its sightings err to one side, and sighting by sighting the kernel keeps too much.
         """
         limit = self.config.misfit_chi2 * self.now.r.shape[1] / 3.0
-        drop_misfits(self.start, self.now.chi2, limit, self.whitening)
+        return float(drop_misfits(self.start, self.now.chi2, limit, self.config.kernel_width,
+                                  self.whitening, self.now.r, self.now.J, self.now.V))
 
     @abstractmethod
     def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:

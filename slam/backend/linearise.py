@@ -8,7 +8,7 @@ import numpy as np
 from slam.factors import landmark_row
 from slam.line_sightings import line_sighting_row
 
-_UNSEEN_CHI2 = 1e6            # what a landmark costs that its pose cannot see
+UNSEEN_CHI2 = 1e6            # what a landmark costs that its pose cannot see
 
 
 @numba.njit(cache=True)
@@ -86,7 +86,7 @@ def _weigh(i, rows, size, r, J, V, whitening, width,  # type: ignore[no-untyped-
 def _unseen(i, width, rw, Jw, Vw, chi2):  # type: ignore[no-untyped-def]
     """Fill sighting i of what its pose cannot see; its cost."""
     rw[i], Jw[i], Vw[i], chi2[i] = 0.0, 0.0, 0.0, np.inf
-    return width * width * np.log1p(_UNSEEN_CHI2 / (width * width))
+    return width * width * np.log1p(UNSEEN_CHI2 / (width * width))
 
 
 @numba.njit(cache=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from slam.backend.linearise import UNSEEN_CHI2
 from slam.backend.reduced import invert
 
 _MEDIAN_CHI2_1 = 0.4549
@@ -48,14 +49,22 @@ def noise_ratios(start, r, chi2, whitening, width):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True)
-def drop_misfits(start, chi2, limit, whitening):  # type: ignore[no-untyped-def]
-    """Set the whitening (M, W) of landmarks to 0 most of whose chi2 are above a limit."""
+def drop_misfits(start, chi2, limit, width, whitening, r, J, V):  # type: ignore[no-untyped-def]
+    """Set to 0 all that is known of landmarks most of whose chi2 are above a limit.
+
+    Returns:
+        what they cost, by Cauchy's kernel of this width.
+    """
+    cost = 0.0
     for p in range(len(start) - 1):
         bad = 0
         for i in range(start[p], start[p + 1]):
             bad += chi2[i] > limit
         if 2 * bad > start[p + 1] - start[p]:
-            whitening[start[p]:start[p + 1]] = 0.0
+            for i in range(start[p], start[p + 1]):
+                cost += width * width * np.log1p(min(chi2[i], UNSEEN_CHI2) / (width * width))
+                whitening[i], r[i], J[i], V[i], chi2[i] = 0.0, 0.0, 0.0, 0.0, 0.0
+    return cost
 
 
 @numba.njit(cache=True)

@@ -153,10 +153,10 @@ class SlidingWindow:
         begin = State(path.T_body_camera, self.points.alive.place[points],
                       self.lines.alive.place[lines])
         known = [seen.begin(number, family) for seen, family in self._sides(problem)]
+        cost = problem.linearise(*begin)
         if any(known):
-            problem.linearise(*begin)
-            problem.drop_misfits()
-        state = levenberg_marquardt(problem, begin, self.bundle)
+            cost -= problem.drop_misfits()
+        state = levenberg_marquardt(problem, begin, self.bundle, cost)
         if not all(np.isfinite(part).all() for part in state):
             return
         body.poses[window] = list(state.T_body_camera)

@@ -73,6 +73,9 @@ class SdplBatch:
         if self.backend.window.enabled:
             self._window.advance(row, [STATIC, *self._body_of_track.values()])
             estimate = self._corrected(estimate)
+        if not self.backend.global_batch:
+            self.record.points.forget()           # the window has taken them in
+            self.record.lines.forget()
         self._last_row, self._last_pose = row, estimate.T_world_camera
         timings = dict(estimate.timings_ms) | {
             "anchors": 1e3 * (anchored - start), "partial batch": 1e3 * (perf_counter() - anchored)}
