@@ -67,7 +67,8 @@ def line_sighting_row(T, line, ends, rho, camera, r, J, V, by):  # type: ignore[
         if not seen > 0.0:
             return False
         r[end], r[2 + end] = d, seen - rho[end]
-        d0, d1, d2 = (x - d * px / (size * fx)) / size, (y - d * py / (size * fy)) / size, 1.0 / size
+        d0, d1 = (x - d * px / (size * fx)) / size, (y - d * py / (size * fy)) / size
+        d2 = 1.0 / size
         s0, s1 = seen * my / over, -seen * mx / over
         m0, m1, m2 = mx / over, my / over, mz / over
         for c in range(10):

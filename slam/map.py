@@ -111,8 +111,8 @@ class BodyRecord:
         self.information.append(information)
 
 
-Landmarks = TypeVar("Landmarks", PointLandmarks, LineLandmarks)
-Observations = TypeVar("Observations", PointObservations, LineObservations)
+Landmarks = TypeVar("Landmarks", bound=PointLandmarks | LineLandmarks)
+Observations = TypeVar("Observations", bound=PointObservations | LineObservations)
 
 
 @dataclass(slots=True)
@@ -167,7 +167,8 @@ class Features(Generic[Landmarks, Observations]):
         self._landmarks.clear()
 
 
-Table = TypeVar("Table", PointLandmarks, LineLandmarks, PointObservations, LineObservations)
+Table = TypeVar("Table", bound=PointLandmarks | LineLandmarks | PointObservations
+                | LineObservations)
 
 
 def joined(parts: Sequence[Table]) -> Table:
@@ -176,7 +177,7 @@ def joined(parts: Sequence[Table]) -> Table:
                             for name in type(parts[0]).__slots__))
 
 
-def taken(table: Table, index: Array) -> Table:
+def taken(table: Table, index: Array | slice) -> Table:
     """The rows that `index` picks."""
     return type(table)(*(getattr(table, name)[index] for name in type(table).__slots__))
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from slam.backend.config import BundleConfig
 from slam.backend.linearise import linearise, linearise_lines, whitening
-from slam.backend.settle import condense, drop_misfits, noise_ratios
 from slam.backend.pose_system import quadratic
 from slam.backend.reduced import landmark_steps, reduce_landmarks
+from slam.backend.settle import condense, drop_misfits, noise_ratios
 from slam.geometry.arrays import Array
 from slam.line_sightings import change_of_lines, moved_lines
 from slam.map import LineObservations, PointObservations

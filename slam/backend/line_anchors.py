@@ -18,7 +18,7 @@ from slam.config import NoiseConfig
 from slam.frontend.follow import match_segments
 from slam.frontend.observe import NO_GROUP
 from slam.frontend.patches import fits
-from slam.frontend.refine import RefineConfig, refine_matches
+from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.frontend.refine_lines import LineRefineConfig, fitted_segments
 from slam.frontend.sampling import nearest
 from slam.frontend.segments import SegmentConfig, cull_segments
@@ -103,7 +103,8 @@ class LineAnchors:
             ends_now=np.where(found[:, None, None], fitted.endpoints_px, alive.ends_now))
         self._keep(self._alive.missed <= self.config.misses)
 
-    def _aligned(self, now: FrameBodies):  # type: ignore[no-untyped-def]
+    def _aligned(self, now: FrameBodies
+                 ) -> tuple[Array, Array, Array, Array, Array, RefinedMatches]:
         """The lines where they are expected, and their patches aligned across them."""
         alive, (n, k) = self._alive, self._alive.slot.shape
         uv, rho, slope = _samples(alive.ends, alive.rho, k)
@@ -135,7 +136,7 @@ class LineAnchors:
         new = np.ones(len(segments), bool)
         on = match_segments(alive.ends_now, segments.endpoints_px)
         new[on[on >= 0]] = False
-        uv, rho, _ = _samples(segments.endpoints_px, _inverse(segments.depth_m), k)
+        uv, _, _ = _samples(segments.endpoints_px, _inverse(segments.depth_m), k)
         slot = nearest(now.groups, uv)                                          # (N, K)
         inside = fits(uv.reshape(-1, 2), now.smooth.shape, self.align.patch.radius_px + 1)
         new &= ((slot == slot[:, :1]) & (slot != NO_GROUP)

@@ -1,4 +1,4 @@
-"""Sightings at a point of linearisation, whitened and weighted by Cauchy's kernel: compiled loops."""
+"""Sightings at a point of linearisation, whitened and weighted by Cauchy's kernel; compiled."""
 
 from __future__ import annotations
 

@@ -38,17 +38,11 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, known, pull, damping, S, g,  # typ
         for i in range(first, last):
             k = pose[i]
             own = S[k, 0]
-            A[:] = 0.0
-            for c in range(size):
-                for d in range(size):
-                    v = inverse[p, d, c]
-                    for a in range(6):
-                        A[c, a] += v * W[i - first, d, a]
-            for c in range(size):
-                for a in range(6):
+            _product(inverse[p], W[i - first], A)
+            for a in range(6):
+                for c in range(size):
                     g[k, a] -= A[c, a] * gradient[p, c]
-            for row in range(rows):
-                for a in range(6):
+                for row in range(rows):
                     v = Jw[i, row, a]
                     g[k, a] += v * rw[i, row]
                     for c in range(6):
@@ -60,6 +54,17 @@ def reduce_landmarks(pose, start, rw, Jw, Vw, known, pull, damping, S, g,  # typ
                         v = A[d, a]
                         for c in range(6):       # innermost and contiguous: it vectorises
                             block[a, c] -= v * other[d, c]
+
+
+@numba.njit(cache=True)
+def _product(inverse, W, A):  # type: ignore[no-untyped-def]
+    """Fill A (D, 6) with a symmetric matrix (D, D) times W (D, 6)."""
+    A[:] = 0.0
+    for c in range(len(A)):
+        for d in range(len(A)):
+            v = inverse[d, c]
+            for a in range(6):
+                A[c, a] += v * W[d, a]
 
 
 @numba.njit(cache=True)

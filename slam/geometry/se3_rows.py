@@ -61,7 +61,7 @@ def log_so3_row(R, w):  # type: ignore[no-untyped-def]
     xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
     xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     # The rows of 4 q qᵀ: the one with the largest diagonal element is well conditioned.
-    most = max(max(xx, yy), max(zz, ww))
+    most = max(xx, yy, zz, ww)
     if ww == most:
         q0, q1, q2, q3 = xw, yw, zw, ww
     elif xx == most:
