@@ -72,11 +72,6 @@ class PointAnchors:
         self._atlas = Atlas(self.align.radius_px)
         self._alive = _no_anchors()
 
-    @property
-    def bodies(self) -> set[int]:
-        """Bodies that have landmarks."""
-        return set(self._alive.body.tolist())
-
     def follow(self, now: FrameBodies) -> None:
         """Record one frame's sightings of the landmarks that are known."""
         self._keep(now.has(self._alive.body))              # bodies that ended took theirs along

@@ -12,7 +12,6 @@ class AnchorConfig:
     static_count: int = 300
     object_count: int = 60            # on each object
     lines: bool = True                # False: points only
-    dynamic_lines: bool = True        # False: lines of the static world only
     static_lines: int = 60
     object_lines: int = 10            # on each object
     line_samples: int = 6             # patches on a line

@@ -150,8 +150,7 @@ class LineAnchors:
         body = now.bodies[slot[index, 0]]
         static = body == STATIC
         wanted = self.config.static_lines - int(np.count_nonzero(alive.body == STATIC))
-        most = self.config.object_lines if self.config.dynamic_lines else 0
-        room = has_room(body, alive.body, most)
+        room = has_room(body, alive.body, self.config.object_lines)
         room[static] = np.arange(np.count_nonzero(static)) < wanted
         self._add(now, segments.endpoints_px[index[room]],
                   _inverse(segments.depth_m[index[room]]), uv[index[room]], slot[index[room], 0])

@@ -54,6 +54,7 @@ class SdplBatch:
         self._lines = LineAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
                                   self.record.lines)
         self._since_detection = 0
+        self._sought_on: set[int] = set()             # bodies, when landmarks were detected last
         self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle,
                                      self.record)
         self._last_row, self._last_pose = 0, np.eye(4)     # of the frame recorded last
@@ -149,11 +150,11 @@ class SdplBatch:
         self._lines.follow(now)
         self._since_detection += 1
         if (self._since_detection >= self.backend.anchors.every
-                or not self._points.bodies.issuperset(poses)):
+                or not self._sought_on.issuperset(poses)):
             self._points.detect(now)
             if self.backend.anchors.lines and segments is not None:
                 self._lines.detect(now, segments)
-            self._since_detection = 0
+            self._since_detection, self._sought_on = 0, set(poses)
 
     def _begin_body(self, track: int, centroid_world: Array) -> int:
         """A body at the object's centroid, with the frame before its first motion."""
