@@ -11,6 +11,7 @@ over ten frames, seen from the camera.
 from __future__ import annotations
 
 import argparse
+import resource
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from simbench.types import Trajectories
 from simbench.world import make_world
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.systems.registry import make
 from slam.systems.sdpl import SdplSlam
 from slam.systems.sdpl_batch import SdplBatch
 from slam.types import SlamResult
@@ -49,9 +51,12 @@ class Run:
     anchors_ms: float
     partial_ms: float
     batch_s: float
+    partial_growth: float = 1.0    # of both, the last third of the frames over the first
+    peak_mb: float = 0.0
 
 
-def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
+def run(scene: str, seed: int, frames: int, flow: str, texture: float,
+        system_name: str = "sdpl-batch") -> Run:
     """A simulated sequence tracked alone, and with both batches."""
     world = make_world(scene, seed, {"texture": texture})
     renderer = make_renderer("mujoco", world)
@@ -60,7 +65,8 @@ def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
     feed = Feed(sequence, InputChoice(
         flow=choice.flow, flow_noise_kind=choice.flow_noise_kind,
         flow_sigma_px=choice.flow_sigma_px, masks="truth", depth="sensor", sensor="gaussian"), seed)
-    alone, system = SdplSlam(sequence.intrinsics), SdplBatch(sequence.intrinsics)
+    alone, system = SdplSlam(sequence.intrinsics), make(system_name, sequence.intrinsics)
+    assert isinstance(system, SdplBatch)
     owner: dict[tuple[int, int], int] = {}
     anchors, partial = [], []
     for k in range(frames):
@@ -79,7 +85,10 @@ def run(scene: str, seed: int, frames: int, flow: str, texture: float) -> Run:
     scores = [camera_scores(r, truth) | object_scores(r, owner, truth)
               for r in (alone.finish(), system.tracker.finish(), refined)]
     renderer.close()
-    return Run(*scores, float(np.median(anchors)), float(np.median(partial)), batch_s)
+    both, third = np.add(anchors, partial), frames // 3
+    return Run(*scores, float(np.mean(anchors[8:])), float(np.mean(partial[8:])), batch_s,
+               float(np.median(both[-third:]) / np.median(both[8:8 + third])),
+               resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
 
 
 def camera_scores(result: SlamResult, truth: Trajectories) -> dict[str, float]:
@@ -159,19 +168,21 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--flow", nargs="+", choices=sorted(FLOWS), default=sorted(FLOWS))
     parser.add_argument("--texture", type=float, default=1.0)
+    parser.add_argument("--system", default="sdpl-batch", help="a preset with a batch")
     parser.add_argument("--growth", type=int, nargs="+", help="frames of runs to time instead")
     options = parser.parse_args()
     if options.growth:
-        times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture)
-                 for n in options.growth]
+        times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture,
+                     options.system) for n in options.growth]
         for n, timed in zip(options.growth, times, strict=True):
             print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f}, "
-                  f"partial batch {timed.partial_ms:.1f} ms a frame")
+                  f"partial batch {timed.partial_ms:.1f} ms a frame, last third over first "
+                  f"{timed.partial_growth:.2f}, {timed.peak_mb:.0f} MB")
         slope = np.polyfit(np.log(options.growth), np.log([r.batch_s for r in times]), 1)[0]
         print(f"time of the batch grows with frames to the power {slope:.2f}")
         return
     for flow in options.flow:
-        runs = [run(options.scene, seed, options.frames, flow, options.texture)
+        runs = [run(options.scene, seed, options.frames, flow, options.texture, options.system)
                 for seed in options.seeds]
         print(f"\n{options.scene}, {options.frames} frames, seeds {options.seeds}, flow {flow}: "
               f"mm; batch {np.median([r.batch_s for r in runs]):.1f} s, anchors "

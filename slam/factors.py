@@ -16,6 +16,7 @@ from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import Pinhole
 from slam.geometry.se3_jacobian import right_jacobian_inverse
+from slam.geometry.se3_rows import between_row, log_row, right_jacobian_row
 from slam.residuals import camera_tuple
 
 MIN_DEPTH_M = 1e-3       # a point nearer to the camera's plane, or behind it, has no image
@@ -113,12 +114,44 @@ def landmark_terms_metric(T_body_camera: Array, xyz_body: Array, xyz_camera: Arr
     return LandmarkTerms(p - xyz_camera, J, Rt)
 
 
+@numba.njit(cache=True)
+def _odometry_rows(T_first, T_second, T_measured):  # type: ignore[no-untyped-def]
+    n = len(T_first)
+    r, J_first, J_second = np.empty((n, 6)), np.empty((n, 6, 6)), np.empty((n, 6, 6))
+    relative, error, J = np.empty((4, 4)), np.empty((4, 4)), np.empty((6, 6))
+    for i in range(n):
+        between_row(T_first[i], T_second[i], relative)
+        between_row(T_measured[i], relative, error)
+        log_row(error, r[i])
+        right_jacobian_row(r[i], J)
+        J_second[i] = np.linalg.inv(J)
+        _minus_times_adjoint_of_inverse(J_second[i], relative, J_first[i])
+    return r, J_first, J_second
+
+
+@numba.njit(cache=True)
+def _minus_times_adjoint_of_inverse(J, T, out):  # type: ignore[no-untyped-def]
+    """Fill out (6, 6) with −J Ad(T⁻¹), Ad(T⁻¹) = [[Rᵀ, 0], [−Rᵀ [t]×, Rᵀ]]."""
+    ad = np.zeros((6, 6))
+    t0, t1, t2 = T[0, 3], T[1, 3], T[2, 3]
+    for i in range(3):
+        a, b, c = T[0, i], T[1, i], T[2, i]
+        ad[i, 0], ad[i, 1], ad[i, 2] = a, b, c
+        ad[i + 3, 3], ad[i + 3, 4], ad[i + 3, 5] = a, b, c
+        ad[i + 3, 0], ad[i + 3, 1], ad[i + 3, 2] = (c * t1 - b * t2, a * t2 - c * t0,
+                                                    b * t0 - a * t1)
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += J[i, k] * ad[k, j]
+            out[i, j] = -total
+
+
 def odometry_terms(T_first: Array, T_second: Array, T_measured: Array) -> PairTerms:
     """Log(Z⁻¹ T₁⁻¹ T₂) of N measured relative poses Z (N, 4, 4), [rad, m]."""
-    relative = se3.inverse(T_first) @ T_second
-    r = se3.log(se3.inverse(T_measured) @ relative)
-    J = right_jacobian_inverse(r)
-    return PairTerms(r, -J @ se3.adjoint(se3.inverse(relative)), J)
+    return PairTerms(*_odometry_rows(*(np.ascontiguousarray(T, dtype=np.float64)
+                                       for T in (T_first, T_second, T_measured))))
 
 
 def point_motion_terms(H: Array, M_before: Array, M_now: Array) -> PointMotionTerms:

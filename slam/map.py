@@ -6,7 +6,9 @@ stand still in its own frame, and the camera has a pose there: T_body_camera.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -50,6 +52,40 @@ class PointLandmarks:
         return len(self.number)
 
 
+@dataclass(frozen=True, slots=True)
+class LineObservations:
+    """M sightings of line landmarks: two places on each, known across the line only."""
+
+    landmark: Array      # (M,) int64
+    frame: Array         # (M,) int64: row in the run
+    ends_px: Array       # (M, 2, 2)
+    covariance: Array    # (M, 2, 2) px² of both ends' offsets across the line
+    rho: Array           # (M, 2) 1/m, inverse depth at the ends
+    rho_sigma: Array     # (M, 2) 1/m; inf where unknown
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, landmark=("M",), frame=("M",), ends_px=("M", 2, 2),
+                      covariance=("M", 2, 2), rho=("M", 2), rho_sigma=("M", 2))
+
+    def __len__(self) -> int:
+        return len(self.landmark)
+
+
+@dataclass(frozen=True, slots=True)
+class LineLandmarks:
+    """P lines as they were first seen."""
+
+    number: Array        # (P,) int64, ascending; lines have numbers of their own
+    body: Array          # (P,) int64
+    line_body: Array     # (P, 10) as slam.line_sightings stores them
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, number=("P",), body=("P",), line_body=("P", 10))
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+
 @dataclass(slots=True)
 class BodyRecord:
     """The camera's path in one body's frame; grows by a pose a frame."""
@@ -75,62 +111,75 @@ class BodyRecord:
         self.information.append(information)
 
 
-@dataclass(slots=True)
-class MapRecord:
-    """All bodies, landmarks and sightings of a run; grows frame by frame."""
+Landmarks = TypeVar("Landmarks", bound=PointLandmarks | LineLandmarks)
+Observations = TypeVar("Observations", bound=PointObservations | LineObservations)
 
-    indices: list[int] = field(default_factory=list)         # the frame's own index, by row
-    bodies: dict[int, BodyRecord] = field(default_factory=lambda: {STATIC: BodyRecord(0)})
-    _observations: list[PointObservations] = field(default_factory=list)
-    _landmarks: list[PointLandmarks] = field(default_factory=list)
+
+@dataclass(slots=True)
+class Features(Generic[Landmarks, Observations]):
+    """Landmarks of one kind and all their sightings; grows frame by frame."""
+
+    no_landmarks: Landmarks
+    no_observations: Observations
+    _observations: list[Observations] = field(default_factory=list)
+    _landmarks: list[Landmarks] = field(default_factory=list)
     _next_landmark: int = 0
 
-    def new_body(self, track: int) -> int:
-        """Begin a body for an object track; its number."""
-        number = max(self.bodies) + 1
-        self.bodies[number] = BodyRecord(track)
-        return number
-
-    def add_landmarks(self, body: Array, xyz_body: Array) -> Array:
+    def add_landmarks(self, body: Array, place: Array) -> Array:
         """Give new landmarks their numbers (P,)."""
         numbers = np.arange(self._next_landmark, self._next_landmark + len(body), dtype=np.int64)
         self._next_landmark += len(body)
-        self._landmarks.append(PointLandmarks(numbers, body, xyz_body))
+        self._landmarks.append(type(self.no_landmarks)(numbers, body, place))
         return numbers
 
-    def add_observations(self, observations: PointObservations) -> None:
+    def add_observations(self, observations: Observations) -> None:
         self._observations.append(observations)
 
-    def observations_of(self, frame: int) -> list[PointObservations]:
+    def observations_of(self, frame: int) -> list[Observations]:
         """What was added of the newest frame, given as a row of the run."""
-        out: list[PointObservations] = []
+        out: list[Observations] = []
         for part in reversed(self._observations):
             if len(part) and part.frame[0] != frame:
                 break
             out.insert(0, part)
         return out
 
-    def landmarks_after(self, number: int) -> list[PointLandmarks]:
+    def landmarks_after(self, number: int) -> list[Landmarks]:
         """What was added after the landmark of this number."""
-        out: list[PointLandmarks] = []
+        out: list[Landmarks] = []
         for part in reversed(self._landmarks):
             if len(part) and part.number[0] <= number:
                 break
             out.insert(0, part)
         return out
 
-    def landmarks(self) -> PointLandmarks:
+    def landmarks(self) -> Landmarks:
         """All landmarks so far."""
-        parts = self._landmarks or [PointLandmarks(np.zeros(0, np.int64), np.zeros(0, np.int64),
-                                                   np.zeros((0, 3)))]
-        return PointLandmarks(*(np.concatenate([getattr(p, name) for p in parts])
-                                for name in PointLandmarks.__slots__))
+        return joined([self.no_landmarks, *self._landmarks])
 
-    def observations(self) -> PointObservations:
+    def observations(self) -> Observations:
         """All sightings so far, by frame."""
-        parts = self._observations or [no_observations()]
-        return PointObservations(*(np.concatenate([getattr(p, name) for p in parts])
-                                   for name in PointObservations.__slots__))
+        return joined([self.no_observations, *self._observations])
+
+    def forget(self) -> None:
+        """Let go of all that was added, but for the numbers given."""
+        self._observations.clear()
+        self._landmarks.clear()
+
+
+Table = TypeVar("Table", bound=PointLandmarks | LineLandmarks | PointObservations
+                | LineObservations)
+
+
+def joined(parts: Sequence[Table]) -> Table:
+    """The rows of all parts, one after another."""
+    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts])
+                            for name in type(parts[0]).__slots__))
+
+
+def taken(table: Table, index: Array | slice) -> Table:
+    """The rows that `index` picks."""
+    return type(table)(*(getattr(table, name)[index] for name in type(table).__slots__))
 
 
 def no_observations() -> PointObservations:
@@ -138,3 +187,36 @@ def no_observations() -> PointObservations:
     none = np.zeros(0, np.int64)
     return PointObservations(none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0),
                              np.zeros(0))
+
+
+def no_line_observations() -> LineObservations:
+    """An empty set."""
+    none = np.zeros(0, np.int64)
+    return LineObservations(none, none, np.zeros((0, 2, 2)), np.zeros((0, 2, 2)),
+                            np.zeros((0, 2)), np.zeros((0, 2)))
+
+
+def _point_features() -> Features[PointLandmarks, PointObservations]:
+    none = np.zeros(0, np.int64)
+    return Features(PointLandmarks(none, none, np.zeros((0, 3))), no_observations())
+
+
+def _line_features() -> Features[LineLandmarks, LineObservations]:
+    none = np.zeros(0, np.int64)
+    return Features(LineLandmarks(none, none, np.zeros((0, 10))), no_line_observations())
+
+
+@dataclass(slots=True)
+class MapRecord:
+    """All bodies, landmarks and sightings of a run; grows frame by frame."""
+
+    indices: list[int] = field(default_factory=list)         # the frame's own index, by row
+    bodies: dict[int, BodyRecord] = field(default_factory=lambda: {STATIC: BodyRecord(0)})
+    points: Features[PointLandmarks, PointObservations] = field(default_factory=_point_features)
+    lines: Features[LineLandmarks, LineObservations] = field(default_factory=_line_features)
+
+    def new_body(self, track: int) -> int:
+        """Begin a body for an object track; its number."""
+        number = max(self.bodies) + 1
+        self.bodies[number] = BodyRecord(track)
+        return number

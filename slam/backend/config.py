@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class AnchorConfig:
-    """Landmarks that are found again in each frame by the picture of their first one."""
+    """Points and lines that are found again in each frame by the picture of their first one."""
 
     static_count: int = 300
     object_count: int = 60            # on each object
+    lines: bool = True                # False: points only
+    static_lines: int = 60
+    object_lines: int = 10            # on each object
+    line_samples: int = 6             # patches on a line
     every: int = 5                    # frames between detections of new landmarks
     misses: int = 3                   # frames in a row without a sighting that end a landmark
     min_support: float = 0.95         # share of a patch that must lie on one surface
@@ -35,7 +39,7 @@ class WindowConfig:
 
     enabled: bool = True
     frames: int = 8
-    iterations: int = 2               # Levenberg-Marquardt steps a frame: it starts near
+    iterations: int = 1               # Levenberg-Marquardt steps a frame: it starts near
     noise_memory: float = 0.8         # weight of the earlier frames in the measured noise
     # Of what has left the window, each time a frame leaves: it was told with poses that err, too.
     prior_weight: float = 0.8

@@ -5,13 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from time import perf_counter
 
+import numba
 import numpy as np
 
 from slam.backend.bundle import BodyPath, BundleResult, bundle
 from slam.backend.config import BundleConfig
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.map import STATIC, BodyRecord, MapRecord, PointLandmarks, PointObservations
+from slam.map import (
+    STATIC,
+    BodyRecord,
+    Features,
+    Landmarks,
+    MapRecord,
+    Observations,
+    PointLandmarks,
+    PointObservations,
+    taken,
+)
 from slam.types import Intrinsics, ObjectTrack, SlamResult
 
 
@@ -23,8 +34,7 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
         tracked: the result as tracked, over the same rows.
     """
     start = perf_counter()
-    landmarks, sightings = record.landmarks(), filled_in(record.observations())
-    bodies = {number: refine_body(body, number, landmarks, sightings, camera, config)
+    bodies = {number: refine_body(body, number, record, camera, config)
               for number, body in record.bodies.items() if len(body.frames) > 1}
     if STATIC not in bodies:
         return tracked
@@ -53,51 +63,68 @@ def _run_of(record: MapRecord, tracked: SlamResult, paths: dict[int, Array]) -> 
     return replace(tracked, T_world_camera=X, objects=objects)
 
 
-def filled_in(sightings: PointObservations) -> PointObservations:
-    """Sightings sorted by landmark and frame, the first ones with the noise of the later ones.
+def filled_in(sightings: Observations) -> Observations:
+    """Sightings by landmark, the first one of each with the noise of the later ones.
 
     Those that are not finite, and landmarks seen once, are left out.
+
+    Args:
+        sightings: by frame.
     """
-    order = np.lexsort((sightings.frame, sightings.landmark))
-    s = taken(sightings, order)
-    size = int(s.landmark.max(initial=-1)) + 1
-    later = np.flatnonzero(np.isfinite(s.covariance).all(axis=(1, 2)))
-    count = np.bincount(s.landmark[later], minlength=size)
+    s = taken(sightings, np.argsort(sightings.landmark, kind="stable"))
     covariance = np.array(s.covariance)
-    first = np.flatnonzero(~np.isfinite(covariance).all(axis=(1, 2)) & (count[s.landmark] > 0))
-    for i in range(2):
-        for j in range(2):
-            mean = np.bincount(s.landmark[later], covariance[later, i, j], size
-                               ) / np.maximum(count, 1)
-            covariance[first, i, j] = mean[s.landmark[first]]
-    known = s.rho_sigma < np.inf
-    s = replace(s, covariance=covariance, rho=np.where(known, s.rho, 0.0))
-    finite = (np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(s.uv_px).all(axis=1)
-              & np.isfinite(s.rho))
-    return taken(s, np.flatnonzero(finite))
+    fill_first(s.landmark, covariance)
+    rho = np.where(s.rho_sigma < np.inf, s.rho, 0.0)
+    px = s.uv_px if isinstance(s, PointObservations) else s.ends_px
+    finite = np.ones(len(s), bool)
+    for part in (covariance, px, rho):
+        finite &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
+    return taken(replace(s, covariance=covariance, rho=rho), np.flatnonzero(finite))
 
 
-def refine_body(body: BodyRecord, number: int, landmarks: PointLandmarks,
-                sightings: PointObservations, camera: Intrinsics,
+@numba.njit(cache=True)
+def fill_first(landmark, covariance):  # type: ignore[no-untyped-def]
+    """Give covariances (M, 2, 2) that are not finite the mean of their landmark's others."""
+    first = 0
+    while first < len(landmark):
+        last, known = first, 0
+        mean = np.zeros((2, 2))
+        while last < len(landmark) and landmark[last] == landmark[first]:
+            if np.isfinite(covariance[last]).all():
+                mean += covariance[last]
+                known += 1
+            last += 1
+        if 0 < known < last - first:
+            for i in range(first, last):
+                if not np.isfinite(covariance[i]).all():
+                    covariance[i] = mean / known
+        first = last
+
+
+def refine_body(body: BodyRecord, number: int, record: MapRecord, camera: Intrinsics,
                 config: BundleConfig) -> BundleResult:
     """One body's bundle adjustment."""
+    xyz, sightings = _of_body(record.points, body, number, config)
+    lines, line_sightings = _of_body(record.lines, body, number, config)
+    path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information))
+    return bundle(path, xyz, sightings, camera, config, lines, line_sightings)
+
+
+def _of_body(features: Features[Landmarks, Observations], body: BodyRecord, number: int,
+             config: BundleConfig) -> tuple[Array, Observations]:
+    """Where a body's landmarks start, and their sightings by row of them and of the path."""
+    landmarks, s = features.landmarks(), features.observations()
     row_of = np.full(max(body.frames) + 1, -1)
     row_of[body.frames] = np.arange(len(body.frames))
-    inside = sightings.frame < len(row_of)
-    own = inside & (landmarks.body[sightings.landmark] == number)
-    own[own] = row_of[sightings.frame[own]] >= 0
-    count = np.bincount(sightings.landmark[own], minlength=len(landmarks))
-    own &= count[sightings.landmark] >= config.min_sightings
-    s = taken(sightings, np.flatnonzero(own))
+    inside = s.frame < len(row_of)
+    own = inside & (landmarks.body[s.landmark] == number)
+    own[own] = row_of[s.frame[own]] >= 0
+    s = filled_in(taken(s, np.flatnonzero(own)))
+    count = np.bincount(s.landmark, minlength=len(landmarks))
+    s = taken(s, np.flatnonzero(count[s.landmark] >= config.min_sightings))
     used, landmark = np.unique(s.landmark, return_inverse=True)
-    s = replace(s, landmark=landmark, frame=row_of[s.frame])
-    path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information))
-    return bundle(path, landmarks.xyz_body[used], s, camera, config)
-
-
-def taken(s: PointObservations, index: Array) -> PointObservations:
-    """The sightings that `index` picks."""
-    return PointObservations(*(getattr(s, name)[index] for name in PointObservations.__slots__))
+    place = landmarks.xyz_body if isinstance(landmarks, PointLandmarks) else landmarks.line_body
+    return place[used], replace(s, landmark=landmark, frame=row_of[s.frame])
 
 
 def _camera_path(tracked: Array, frames: list[int], refined: Array) -> Array:

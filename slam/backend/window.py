@@ -7,112 +7,166 @@ kept as a prior on each of them, taken with the frame's pose as it stands then.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Generic
 
 import numpy as np
 
-from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, levenberg_marquardt
+from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State, levenberg_marquardt
 from slam.backend.config import BundleConfig, WindowConfig
-from slam.backend.refine_run import filled_in, taken
+from slam.backend.families import Family, Room
+from slam.backend.refine_run import filled_in
 from slam.geometry.arrays import Array
-from slam.map import BodyRecord, MapRecord, PointObservations, no_observations
+from slam.map import (
+    BodyRecord,
+    Features,
+    Landmarks,
+    MapRecord,
+    Observations,
+    PointLandmarks,
+    joined,
+    taken,
+)
 from slam.types import Intrinsics
 
 
 @dataclass(slots=True)
-class _Landmarks:
-    """Those with sightings in the window."""
+class _Alive:
+    """Landmarks with sightings in the window."""
 
     number: Array        # (P,) ascending
     body: Array          # (P,)
-    xyz: Array           # (P, 3) m, as known best
-    information: Array   # (P, 3, 3) of what has left the window
-    xyz_held: Array      # (P, 3) m, where that would have them
+    place: Array         # (P, 3) m or (P, 10), as known best
+    information: Array   # (P, D, D) of what has left the window
+    held: Array          # (P, 3) or (P, 10), where that would have them
 
-    def take(self, index: Array) -> _Landmarks:
-        return _Landmarks(*(getattr(self, f.name)[index] for f in fields(self)))
+    def take(self, index: Array) -> _Alive:
+        return _Alive(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def join(self, other: _Alive) -> _Alive:
+        return _Alive(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)])
+                        for f in fields(self)))
+
+
+class _Seen(Generic[Landmarks, Observations]):
+    """Landmarks of one kind in the window, body by body."""
+
+    def __init__(self, features: Features[Landmarks, Observations], rows: int, size: int,
+                 config: WindowConfig) -> None:
+        self.features, self.size, self.config = features, size, config
+        self.room = Room(rows, size)
+        self.raw = self.sightings = features.no_observations     # as they came; completed
+        self._last = -1                                          # number of the newest landmark
+        self.alive = self._fresh(features.no_landmarks)
+        self._scales: dict[int, tuple[float, float]] = {}    # body -> measured noise, squared
+
+    def _fresh(self, new: Landmarks) -> _Alive:
+        place = new.xyz_body if isinstance(new, PointLandmarks) else new.line_body
+        return _Alive(np.array(new.number), np.array(new.body), np.array(place),
+                      np.zeros((len(new), self.size, self.size)), np.array(place))
+
+    def take_in(self, row: int, min_sightings: int) -> None:
+        """The newest frame's landmarks and sightings; all in the order of bodies and landmarks."""
+        fresh = self.features.landmarks_after(self._last)
+        for new in fresh:
+            self.alive = self.alive.join(self._fresh(new))
+            self._last = int(new.number.max(initial=self._last))
+        if fresh:
+            self.alive = self.alive.take(np.lexsort((self.alive.number, self.alive.body)))
+        self.raw = joined([self.raw, *self.features.observations_of(row)])
+        alive = self.alive
+        by_number = np.argsort(alive.number)
+        place = by_number[np.searchsorted(alive.number, self.raw.landmark, sorter=by_number)]
+        s = filled_in(replace(self.raw, landmark=place))
+        count = np.bincount(s.landmark, minlength=len(alive.number))
+        useful = (count >= min_sightings) | (alive.information[:, 0, 0] > 0)
+        self.sightings = taken(s, np.flatnonzero(useful[s.landmark]))
+
+    def of_body(self, number: int, rows: Array) -> tuple[Observations, slice]:
+        """A body's sightings in the window, by row of the window and of its landmarks."""
+        s, body = self.sightings, self.alive.body
+        first, last = np.searchsorted(body, [number, number + 1])
+        begin, end = np.searchsorted(s.landmark, [first, last])
+        own = taken(s, slice(begin, end))
+        return replace(own, landmark=own.landmark - first,
+                       frame=np.searchsorted(rows, own.frame)), slice(first, last)
+
+    def begin(self, number: int, family: Family) -> bool:
+        """Start with the noise measured so far; False: there is none."""
+        family.uv_scale2, family.rho_scale2 = self._scales.get(number, (1.0, 1.0))
+        return number in self._scales
+
+    def keep(self, number: int, family: Family, own: slice, leaves: bool) -> None:
+        """Take a body's refined landmarks and noise over, and hold on to what leaves."""
+        self.alive.place[own] = family.now.place
+        if leaves:
+            # Before the noise is measured anew: with the weights that were used.
+            information, held = family.condensed(family.pose == 0)
+            self.alive.information[own] = self.config.prior_weight * information
+            self.alive.held[own] = held
+        family.measure_noise()
+        measured = np.array([family.uv_scale2, family.rho_scale2])
+        before = np.array(self._scales.get(number, measured))
+        keep = self.config.noise_memory
+        uv, rho = np.exp(keep * np.log(before) + (1.0 - keep) * np.log(measured))
+        self._scales[number] = float(uv), float(rho)
+
+    def let_go(self, row: int, bodies: list[int]) -> None:
+        """Forget the frame that leaves, and landmarks that no frame sees any longer."""
+        self.raw = taken(self.raw, np.flatnonzero(self.raw.frame > row - self.config.frames))
+        seen = np.isin(self.alive.number, self.raw.landmark)
+        self.alive = self.alive.take(np.flatnonzero(seen))
+        self._scales = {body: self._scales[body] for body in bodies if body in self._scales}
 
 
 class SlidingWindow:
     """Refines the record's newest poses in place."""
 
-    def __init__(self, camera: Intrinsics, config: WindowConfig, bundle: BundleConfig) -> None:
-        self.camera, self.config = camera, config
+    def __init__(self, camera: Intrinsics, config: WindowConfig, bundle: BundleConfig,
+                 record: MapRecord) -> None:
+        self.camera, self.config, self.record = camera, config, record
         self.bundle = replace(bundle, iterations=config.iterations)
-        self._sightings = no_observations()
-        none = np.zeros(0, np.int64)
-        self._landmarks = _Landmarks(none, none, np.zeros((0, 3)), np.zeros((0, 3, 3)),
-                                     np.zeros((0, 3)))
-        self._scales: dict[int, tuple[float, float]] = {}    # body -> measured noise, squared
+        self.points = _Seen(record.points, 3, 3, config)
+        self.lines = _Seen(record.lines, 4, 4, config)
 
-    def advance(self, row: int, record: MapRecord, bodies: list[int]) -> None:
+    def advance(self, row: int, bodies: list[int]) -> None:
         """Take in a frame that is in the record already, and refine the bodies seen in it."""
-        self._take_in(row, record)
+        self.points.take_in(row, self.bundle.min_sightings)
+        self.lines.take_in(row, self.bundle.min_sightings)
         for body in bodies:
-            if len(record.bodies[body].frames) > 1:
-                self._refine(record.bodies[body], body)
-        s = taken(self._sightings, np.flatnonzero(self._sightings.frame > row - self.config.frames))
-        self._sightings = s
-        seen = np.isin(self._landmarks.number, s.landmark)
-        self._landmarks = self._landmarks.take(np.flatnonzero(seen))
-        self._scales = {body: self._scales[body] for body in bodies if body in self._scales}
-
-    def _take_in(self, row: int, record: MapRecord) -> None:
-        parts = [self._sightings, *record.observations_of(row)]
-        self._sightings = PointObservations(*(np.concatenate([getattr(p, name) for p in parts])
-                                              for name in PointObservations.__slots__))
-        last = int(self._landmarks.number.max(initial=-1))
-        for new in record.landmarks_after(last):
-            n, old = len(new), self._landmarks
-            fresh = _Landmarks(new.number, new.body, new.xyz_body, np.zeros((n, 3, 3)),
-                               np.array(new.xyz_body))
-            self._landmarks = _Landmarks(*(np.concatenate([getattr(old, f.name),
-                                                           getattr(fresh, f.name)])
-                                           for f in fields(old)))
+            if len(self.record.bodies[body].frames) > 1:
+                self._refine(self.record.bodies[body], body)
+        self.points.let_go(row, bodies)
+        self.lines.let_go(row, bodies)
 
     def _refine(self, body: BodyRecord, number: int) -> None:
         window = slice(-self.config.frames, None)
         rows = np.array(body.frames[window])
-        sightings, own = self._of_body(number, rows)
-        if len(own) == 0:
+        s, points = self.points.of_body(number, rows)
+        line_s, lines = self.lines.of_body(number, rows)
+        if len(s) + len(line_s) == 0:
             return
-        marks = self._landmarks.take(own)
         path = BodyPath(np.array(body.poses[window]), np.array(body.steps[window]),
                         np.array(body.information[window]))
-        problem = Problem(path, sightings, LandmarkPrior(marks.information, marks.xyz_held),
-                          self.camera, self.bundle)
-        problem.uv_scale2, problem.rho_scale2 = self._scales.get(number, (1.0, 1.0))
-        if number in self._scales:
-            problem.drop_misfits(path.T_body_camera, marks.xyz)
-        T, xyz = levenberg_marquardt(problem, path.T_body_camera, marks.xyz, self.bundle)
-        if not (np.isfinite(T).all() and np.isfinite(xyz).all()):
+        problem = Problem(path, s, _prior(self.points.alive, points), self.camera, self.bundle,
+                          line_s, _prior(self.lines.alive, lines),
+                          (self.points.room, self.lines.room))
+        begin = State(path.T_body_camera, self.points.alive.place[points],
+                      self.lines.alive.place[lines])
+        known = [seen.begin(number, family) for seen, family in self._sides(problem)]
+        cost = problem.linearise(*begin)
+        if any(known):
+            cost -= problem.drop_misfits()
+        state = levenberg_marquardt(problem, begin, self.bundle, cost)
+        if not all(np.isfinite(part).all() for part in state):
             return
-        problem.measure_noise(T, xyz)
-        self._remember_noise(number, problem)
-        body.poses[window] = list(T)
-        self._landmarks.xyz[own] = xyz
-        if len(rows) == self.config.frames:
-            information, held = problem.condensed(T, xyz, sightings.frame == 0)
-            self._landmarks.information[own] = self.config.prior_weight * information
-            self._landmarks.xyz_held[own] = held
+        body.poses[window] = list(state.T_body_camera)
+        leaves = len(rows) == self.config.frames
+        for (seen, family), own in zip(self._sides(problem), (points, lines), strict=True):
+            seen.keep(number, family, own, leaves)
 
-    def _of_body(self, number: int, rows: Array) -> tuple[PointObservations, Array]:
-        """A body's sightings in the window, by row of the window and of the landmarks returned."""
-        s, marks = self._sightings, self._landmarks
-        place = np.searchsorted(marks.number, s.landmark)
-        row = np.searchsorted(rows, s.frame)
-        known = rows[np.minimum(row, len(rows) - 1)] == s.frame
-        index = np.flatnonzero((marks.body[place] == number) & known)
-        s = filled_in(replace(taken(s, index), landmark=place[index], frame=row[index]))
-        count = np.bincount(s.landmark, minlength=len(marks.number))
-        held = marks.information[:, 0, 0] > 0
-        useful = (count >= self.bundle.min_sightings) | ((count > 0) & held)
-        s = taken(s, np.flatnonzero(useful[s.landmark]))
-        own, landmark = np.unique(s.landmark, return_inverse=True)
-        return replace(s, landmark=landmark), own
+    def _sides(self, problem: Problem) -> tuple[tuple[_Seen, Family], tuple[_Seen, Family]]:
+        return (self.points, problem.points), (self.lines, problem.lines)
 
-    def _remember_noise(self, number: int, problem: Problem) -> None:
-        measured = np.array([problem.uv_scale2, problem.rho_scale2])
-        before = np.array(self._scales.get(number, measured))
-        keep = self.config.noise_memory
-        uv, rho = np.exp(keep * np.log(before) + (1.0 - keep) * np.log(measured))
-        self._scales[number] = float(uv), float(rho)
+
+def _prior(alive: _Alive, own: slice) -> LandmarkPrior:
+    return LandmarkPrior(alive.information[own], alive.held[own])

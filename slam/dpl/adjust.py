@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.backend.reduced import landmark_steps, linearise, reduce_landmarks, solve_poses
+from slam.backend.linearise import linearise
+from slam.backend.pose_system import solve_poses
+from slam.backend.reduced import landmark_steps, reduce_landmarks
 from slam.dpl.config import DplConfig
 from slam.dpl.keyframes import Keyframe, PointLineMap
 from slam.dpl.sightings import Sightings, joined, of_line_ends, of_points

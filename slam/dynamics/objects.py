@@ -137,6 +137,12 @@ class ObjectTable:
         """The object's motion could not be told: nothing is predicted from an older one."""
         self.states[track] = replace(self.states[track], H_world=None, velocity=None)
 
+    def correct(self, track: int, H_world: Array) -> None:
+        """Predict from a better estimate of an object's last motion, where it is trusted at all."""
+        state = self.states[track]
+        if state.H_world is not None:
+            self.states[track] = replace(state, H_world=H_world)
+
     def predicted_relative(self, track: int, T_world_previous: Array, dt_s: float) -> Array:
         """(4, 4) motion expected of an object against the static world, in the previous camera."""
         state = self.states.get(track)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slam.frontend.refine import RefineConfig, refine_matches
+from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.geometry.arrays import Array, freeze_fields
 
 
@@ -59,6 +59,20 @@ def refine_segments(previous: Array, current: Array, endpoints_previous: Array,
     matches = refine_matches(previous, current, _along(before, t).reshape(-1, 2),
                              start.reshape(-1, 2), config.patch,
                              direction=np.repeat(normal, config.samples, axis=0))
+    return fitted_segments(after, t, start, normal, matches, config)
+
+
+def fitted_segments(ends: Array, t: Array, start: Array, normal: Array, matches: RefinedMatches,
+                    config: LineRefineConfig) -> RefinedSegments:
+    """Segments moved across their direction by what patches along them have found.
+
+    Args:
+        ends: (N, 2, 2) where they were expected, start: (N, K, 2) patches on them there,
+            t: (N, K) positions of those, 0 at the first end and 1 at the second.
+        normal: (N, 2) unit vectors across them.
+        matches: of the N K patches, moved along the normals.
+    """
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
     move = matches.uv_current.reshape(start.shape) - start
     offset = np.einsum("nkc,nc->nk", move, normal)
     spread = np.einsum("ni,nkij,nj->nk", normal,
@@ -67,11 +81,11 @@ def refine_segments(previous: Array, current: Array, endpoints_previous: Array,
     # Patches that overlap see the same pixels: their information counts by their share.
     spacing = length * (t[:, -1] - t[:, 0]) / max(config.samples - 1, 1)
     own = np.minimum(1.0, spacing / (np.sqrt(4 * np.pi) * config.patch.window_sigma_px))
-    ends, covariance = _fit(t, offset, aligned * own[:, None] / np.maximum(spread, 1e-8), config)
+    at_ends, covariance = _fit(t, offset, aligned * own[:, None] / np.maximum(spread, 1e-8), config)
     converged = aligned.mean(axis=-1) >= config.converged_share
     prior = config.patch.prior_sigma_px ** 2 * np.eye(2)
-    moved = after + ends[..., None] * normal[:, None]
-    return RefinedSegments(np.where(converged[:, None, None], moved, after),
+    moved = ends + at_ends[..., None] * normal[:, None]
+    return RefinedSegments(np.where(converged[:, None, None], moved, ends),
                            np.where(converged[:, None, None], covariance, prior), converged)
 
 

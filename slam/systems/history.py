@@ -35,6 +35,7 @@ class History:
         self.T_world_camera: Array = np.eye(4)     # where tracking goes on from
         self.lost_in_a_row = 0
         self._velocity: Array | None = None        # (6,) per second
+        self._last_dt_s = 1.0                      # the time over which it was measured
 
     @property
     def has_motion(self) -> bool:
@@ -45,6 +46,11 @@ class History:
         if self._velocity is None:
             return np.eye(4)
         return np.asarray(se3.exp(self._velocity * min(max(dt_s, 0.0), _LONGEST_S)))
+
+    def correct(self, T_a_b: Array) -> None:
+        """Predict from a better estimate of the camera's last motion (4, 4)."""
+        if self._velocity is not None:
+            self._velocity = se3.log(T_a_b) / self._last_dt_s
 
     def add(self, estimate: FrameEstimate) -> FrameEstimate:
         self.estimates.append(estimate)
@@ -93,7 +99,7 @@ class History:
         for label, _ in tracked.left_out:
             objects.forget_motion(track_of[label])
         if frame.stamp_s - before.stamp_s > _SHORTEST_S:       # broken stamps tell no velocity
-            self._velocity = se3.log(tracked.T_a_b) / dt_s
+            self._velocity, self._last_dt_s = se3.log(tracked.T_a_b) / dt_s, dt_s
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
         left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)
         last = self.estimates[-1].T_world_camera

@@ -246,7 +246,7 @@ class MotionStage:
 
     def _aligned(self, a: Observation, b: Observation, matched: _Matched, rough: Motions,
                  image_flow: bool) -> _Matched:
-        smooth_a, smooth_b = self._smoothed(a), self._smoothed(b)
+        smooth_a, smooth_b = self.smoothed(a), self.smoothed(b)
         T_b_a = se3.inverse(rough.T_a_b)
         corners = matched.corners
         expected, warps = self._carried(corners.uv_a, corners.rho_a, matched.slopes,
@@ -284,7 +284,7 @@ class MotionStage:
         per_pixel = R[:, :, :2] / np.array([self.intrinsics.fx, self.intrinsics.fy])
         return uv, J @ (per_pixel + t[:, :, None] * slopes[:, None, :])
 
-    def _smoothed(self, observation: Observation) -> Array:
+    def smoothed(self, observation: Observation) -> Array:
         """The image prepared for alignment; the last two frames' are kept."""
         for frame, smooth in self._smooth:
             if frame is observation.frame:

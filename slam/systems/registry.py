@@ -32,6 +32,7 @@ class Preset(NamedTuple):
 
 
 _SDPL = SdplConfig()
+_BATCH = BackendConfig()
 _DPL = DplConfig()
 _STATIC = replace(_DPL, cull=replace(_DPL.cull, enabled=False))
 
@@ -43,7 +44,16 @@ PRESETS: Mapping[str, Preset] = {
     "vdo": Preset("points only, as VDO-SLAM",
                   replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
     "sdpl-batch": Preset("sdpl, a partial batch with every frame, and a global one at the end",
-                         _SDPL, BackendConfig()),
+                         _SDPL, _BATCH),
+    "sdpl-batch-no-lines": Preset(
+        "sdpl-batch with points only in both batches (ablation)", _SDPL,
+        replace(_BATCH, anchors=replace(_BATCH.anchors, lines=False))),
+    "sdpl-batch-static-lines": Preset(
+        "sdpl-batch without lines on objects (ablation)", _SDPL,
+        replace(_BATCH, anchors=replace(_BATCH.anchors, object_lines=0))),
+    "sdpl-batch-static": Preset(
+        "sdpl-batch with landmarks of the static world only (ablation)", _SDPL,
+        replace(_BATCH, anchors=replace(_BATCH.anchors, object_count=0, object_lines=0))),
     "sdpl-partial": Preset("sdpl and the partial batch alone", _SDPL,
                            BackendConfig(global_batch=False)),
     "dpl": Preset("DPL-SLAM: ORB points and LBD lines, dynamic ones removed, keyframes",

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from slam.backend.anchors import AnchorTracker
+from slam.backend.anchors import PointAnchors
 from slam.backend.config import BackendConfig
+from slam.backend.frame_bodies import frame_bodies
+from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
 from slam.config import SdplConfig
@@ -20,7 +22,7 @@ from slam.geometry.arrays import Array
 from slam.map import STATIC, MapRecord
 from slam.systems.motion_stage import MotionStage, Tracked
 from slam.systems.sdpl import SdplSlam
-from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
+from slam.types import Frame, FrameEstimate, Intrinsics, Segments2D, SlamResult, Status
 
 
 class _HeardMotions(MotionStage):
@@ -47,9 +49,14 @@ class SdplBatch:
         self.tracker.motions = self._motions
         self.intrinsics = intrinsics
         self.record = MapRecord()
-        self._anchors = AnchorTracker(intrinsics, self.backend.anchors,
-                                      self.tracker.config.noise)
-        self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle)
+        self._points = PointAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
+                                    self.record.points)
+        self._lines = LineAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
+                                  self.record.lines)
+        self._since_detection = 0
+        self._sought_on: set[int] = set()             # bodies, when landmarks were detected last
+        self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle,
+                                     self.record)
         self._last_row, self._last_pose = 0, np.eye(4)     # of the frame recorded last
         self._body_of_track: dict[int, int] = {}      # of the objects that moved last
 
@@ -65,23 +72,36 @@ class SdplBatch:
         self._record(row, reference, estimate)
         anchored = perf_counter()
         if self.backend.window.enabled:
-            self._window.advance(row, self.record, [STATIC, *self._body_of_track.values()])
+            self._window.advance(row, [STATIC, *self._body_of_track.values()])
             estimate = self._corrected(estimate)
+        if not self.backend.global_batch:
+            self.record.points.forget()           # the window has taken them in
+            self.record.lines.forget()
         self._last_row, self._last_pose = row, estimate.T_world_camera
         timings = dict(estimate.timings_ms) | {
             "anchors": 1e3 * (anchored - start), "partial batch": 1e3 * (perf_counter() - anchored)}
         return self.tracker.history.amend(replace(estimate, timings_ms=timings))
 
     def _corrected(self, estimate: FrameEstimate) -> FrameEstimate:
-        """The estimate in the world as the map has it; this frame's own motions stay."""
-        X = self.record.bodies[STATIC].poses[-1]
+        """The estimate as the window has it; the tracker predicts the next frame from it."""
+        bodies = self.record.bodies
+        X = bodies[STATIC].poses[-1]
         S = X @ se3.inverse(estimate.T_world_camera)
-        objects = {track: replace(
-            motion, H_world=se3.orthonormalised(S @ motion.H_world @ se3.inverse(S)),
-            centroid_world=se3.transform_points(S, motion.centroid_world[None])[0])
-            for track, motion in estimate.objects.items()}
         self.tracker.history.T_world_camera = X
-        return replace(estimate, T_world_camera=X, objects=objects)
+        if len(bodies[STATIC].poses) < 2 or estimate.status is not Status.TRACKED:
+            return replace(estimate, T_world_camera=X)
+        X_before = bodies[STATIC].poses[-2]
+        objects = {}
+        for track, motion in estimate.objects.items():
+            Y_before, Y = bodies[self._body_of_track[track]].poses[-2:]
+            # H = L_k L_{k−1}⁻¹ with L = X Y⁻¹.
+            H = se3.orthonormalised(X @ se3.inverse(Y) @ Y_before @ se3.inverse(X_before))
+            self.tracker.objects.correct(track, H)
+            objects[track] = replace(motion, H_world=H, centroid_world=se3.transform_points(
+                S, motion.centroid_world[None])[0])
+        step = se3.inverse(X_before) @ X
+        self.tracker.history.correct(step)
+        return replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects)
 
     def finish(self) -> SlamResult:
         """The run after the global batch."""
@@ -118,7 +138,23 @@ class SdplBatch:
         self._body_of_track = current_bodies
         body_of_label = {m.instance_id: current_bodies[t] for t, m in estimate.objects.items()}
         body_of_label |= dict.fromkeys(estimate.static_labels, STATIC)
-        self._anchors.observe(row, current, poses, body_of_label, self.record)
+        self._anchor(row, current, poses, body_of_label, estimate.segments)
+
+    def _anchor(self, row: int, current: Observation, poses: dict[int, Array],
+                body_of_label: dict[int, int], segments: Segments2D | None) -> None:
+        """Find the landmarks again, and new ones where there are too few."""
+        now = frame_bodies(row, current, self._motions.smoothed(current), poses, body_of_label)
+        if now is None:
+            return
+        self._points.follow(now)
+        self._lines.follow(now)
+        self._since_detection += 1
+        if (self._since_detection >= self.backend.anchors.every
+                or not self._sought_on.issuperset(poses)):
+            self._points.detect(now)
+            if self.backend.anchors.lines and segments is not None:
+                self._lines.detect(now, segments)
+            self._since_detection, self._sought_on = 0, set(poses)
 
     def _begin_body(self, track: int, centroid_world: Array) -> int:
         """A body at the object's centroid, with the frame before its first motion."""

@@ -12,6 +12,7 @@ from point_world import CAMERA, RHO_SIGMA, UV_SIGMA, odometry, position_rms, tak
 from slam.backend import reduced
 from slam.backend.bundle import BodyPath, bundle
 from slam.backend.config import BundleConfig
+from slam.backend.linearise import linearise
 from slam.factors import landmark_terms
 from slam.geometry import se3
 from slam.residuals import camera_tuple
@@ -102,8 +103,8 @@ def test_reduced_system_is_the_schur_complement():
     terms = landmark_terms(T[s.frame], xyz[s.landmark], s.uv_px, s.rho, CAMERA)
     whitening = np.tile([1 / UV_SIGMA, 0.0, 1 / UV_SIGMA, 1 / RHO_SIGMA], (M, 1))
     r, J, V = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
-    cost, _ = reduced.linearise(T, xyz, s.frame, s.landmark, s.uv_px, s.rho, whitening,
-                                   camera_tuple(CAMERA), 1e9, r, J, V)     # so wide: quadratic
+    cost, _ = linearise(T, xyz, s.frame, s.landmark, s.uv_px, s.rho, whitening,
+                        camera_tuple(CAMERA), 1e9, r, J, V)     # so wide: quadratic
     L = np.diag([1 / UV_SIGMA, 1 / UV_SIGMA, 1 / RHO_SIGMA])
     assert cost == pytest.approx(np.sum((terms.r @ L) ** 2), rel=1e-6)
     full = np.zeros((3 * M, 6 * F + 3 * P))

@@ -1,6 +1,7 @@
 """The global batch on ray-cast scenes: better than tracking, and whole whatever a frame holds."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -60,6 +61,54 @@ def test_the_batch_is_better_than_tracking(scene):
     assert object_drift(refined, camera, box) < 0.9 * object_drift(tracked, camera, box)
     assert refined.status == tracked.status
     assert len(refined.points_world) > 50
+
+
+def motion_errors(estimates, box, camera):
+    """Mean errors (m) of the motions that `process` returned, of the box and of the camera."""
+    of_box, of_camera = [], []
+    for before, e in pairwise(estimates):
+        step = se3.inverse(camera[e.index - 1]) @ camera[e.index]
+        of_camera.append(np.linalg.norm((se3.inverse(e.T_previous_camera) @ step)[:3, 3]))
+        for motion in e.objects.values():
+            A = camera[e.index - 1] @ se3.inverse(before.T_world_camera)
+            L0, L1 = box.T_world_box[e.index - 1], box.T_world_box[e.index]
+            moved = se3.inverse(L0) @ A @ motion.H_world @ se3.inverse(A) @ L0
+            of_box.append(np.linalg.norm((se3.inverse(moved) @ se3.inverse(L0) @ L1)[:3, 3]))
+    return np.mean(of_box), np.mean(of_camera)
+
+
+def test_motions_that_process_returns_are_the_windows(scene):
+    camera, box, frames = scene
+    alone, system = (slam.make(name, frames[0].intrinsics) for name in ("sdpl", "sdpl-partial"))
+    tracked = motion_errors([alone.process(f) for f in frames], box, camera)
+    estimates = [system.process(f) for f in frames]
+    windowed = motion_errors(estimates, box, camera)
+    assert windowed[0] < 1.02 * tracked[0]
+    assert windowed[1] < 0.95 * tracked[1]
+    # The tracker predicts from them.
+    last = estimates[-1]
+    for track, motion in last.objects.items():
+        assert_array_equal(system.tracker.objects.states[track].H_world, motion.H_world)
+    # What the window has taken in is not kept where no global batch will want it.
+    assert len(system.record.points.observations()) == 0
+    assert len(system.record.lines.landmarks()) == 0
+
+
+@pytest.mark.parametrize("name", ["sdpl-batch-no-lines", "sdpl-batch-static-lines",
+                                  "sdpl-batch-static"])
+def test_ablations_leave_out_what_they_say(scene, name):
+    _, _, frames = scene
+    system = slam.make(name, frames[0].intrinsics)
+    for frame in frames[:8]:
+        system.process(frame)
+    points, lines = system.record.points.landmarks(), system.record.lines.landmarks()
+    assert (points.body == 0).any()
+    assert (points.body > 0).any() == (name != "sdpl-batch-static")
+    if name == "sdpl-batch-no-lines":
+        assert len(lines) == 0
+    else:
+        assert len(lines) > 0
+        assert (lines.body == 0).all()
 
 
 def black(frame):

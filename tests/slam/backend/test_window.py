@@ -18,18 +18,18 @@ FRAMES = 24
 def stream(T, xyz, s, path, config=None, spoil=None):
     """Feed a world to a window frame by frame; the record, and each pose as it first came out."""
     record, online = MapRecord(), []
-    window = SlidingWindow(CAMERA, config or WindowConfig(), BundleConfig())
+    window = SlidingWindow(CAMERA, config or WindowConfig(), BundleConfig(), record)
     static = record.bodies[STATIC]
     for row in range(len(T)):
         record.indices.append(row)
         if row == 0:
             static.begin(0, T[0])
-            record.add_landmarks(np.zeros(len(xyz), np.int64), xyz)
+            record.points.add_landmarks(np.zeros(len(xyz), np.int64), xyz)
         else:
             static.add(row, path.steps[row], path.information[row])
         seen = taken(s, s.frame == row)
-        record.add_observations(spoil(row, seen) if spoil else seen)
-        window.advance(row, record, [STATIC])
+        record.points.add_observations(spoil(row, seen) if spoil else seen)
+        window.advance(row, [STATIC])
         online.append(static.poses[-1])
     return record, np.array(online), window
 
@@ -59,8 +59,8 @@ def test_what_leaves_the_window_is_worth_keeping():
 def test_memory_does_not_grow_with_the_run():
     T, xyz, s = world(0, frames=FRAMES)
     _, _, window = stream(T, xyz, s, odometry(T, 0))
-    assert np.unique(window._sightings.frame).tolist() == list(range(FRAMES - 8, FRAMES))
-    assert len(window._landmarks.number) <= len(xyz)
+    assert np.unique(window.points.raw.frame).tolist() == list(range(FRAMES - 8, FRAMES))
+    assert len(window.points.alive.number) <= len(xyz)
 
 
 def nothing(row, seen):
@@ -94,8 +94,8 @@ def test_bad_input_leaves_no_nan_and_no_jump(spoil, known_steps):
         path = replace(path, information=path.information * 0.0)
     record, online, window = stream(T, xyz, s, path, spoil=spoil)
     assert np.isfinite(online).all()
-    assert np.isfinite(window._landmarks.xyz).all()
-    assert np.isfinite(window._landmarks.information).all()
+    assert np.isfinite(window.points.alive.place).all()
+    assert np.isfinite(window.points.alive.information).all()
     assert_allclose(np.array(record.bodies[STATIC].poses)[0], T[0])
     if known_steps and spoil is not one_place:
         steps = se3.inverse(online[:-1]) @ online[1:]
