@@ -41,26 +41,90 @@ def refine_pose(T_world_camera: Array, xyz_world: Array, seen: Sightings, camera
     held = (xyz, np.ascontiguousarray(seen.uv_px), np.ascontiguousarray(seen.rho),
             _whole_whitening(T, xyz, own, uncertain, camera_tuple(camera)),
             camera_tuple(camera), float(kernel_width))
+    T, chi2, H = _levenberg_marquardt(T, *held, iterations)
+    return PoseFit(se3.orthonormalised(T), chi2, H)
+
+
+@numba.njit(cache=True)
+def _levenberg_marquardt(T, xyz, uv, rho, whitening, camera, width,  # type: ignore[no-untyped-def]
+                         iterations):
     damping = 1e-4
-    cost, chi2, H, g = _normal_equations(T, *held)
+    cost, chi2, H, g = _normal_equations(T, xyz, uv, rho, whitening, camera, width)
+    step, T_try = np.empty(6), T.copy()
     for _ in range(iterations):
-        try:
-            step = np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-9 * np.eye(6), -g)
-        except np.linalg.LinAlgError:
+        if not _solve(H, g, damping, step):
             break
-        T_try = T @ se3.exp(step)
-        tried = _normal_equations(T_try, *held)
-        if not tried[0] < cost:
+        _moved(T, step, T_try)
+        cost_try, chi2_try, H_try, g_try = _normal_equations(T_try, xyz, uv, rho, whitening,
+                                                             camera, width)
+        if not cost_try < cost:
             damping *= 30.0
             if damping > 1e4:
                 break
             continue
-        ended = cost - tried[0] < 1e-5 * cost
-        T, (cost, chi2, H, g) = T_try, tried
+        ended = cost - cost_try < 1e-5 * cost
+        T, T_try = T_try, T.copy()
+        cost, chi2, H, g = cost_try, chi2_try, H_try, g_try
         damping = max(damping * 0.1, 1e-9)
         if ended:
             break
-    return PoseFit(se3.orthonormalised(T), chi2, H)
+    return T, chi2, H
+
+
+@numba.njit(cache=True)
+def _solve(H, g, damping, step):  # type: ignore[no-untyped-def]
+    """step (6,) = −(H + damping diag H)⁻¹ g by Cholesky; False where H is not positive."""
+    L = np.zeros((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            total = H[i, j]
+            if i == j:
+                total += damping * H[i, i] + 1e-9
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i > j:
+                L[i, j] = total / L[j, j]
+            elif total > 0.0:
+                L[i, i] = np.sqrt(total)
+            else:
+                return False
+    for i in range(6):
+        total = -g[i]
+        for k in range(i):
+            total -= L[i, k] * step[k]
+        step[i] = total / L[i, i]
+    for i in range(5, -1, -1):
+        total = step[i]
+        for k in range(i + 1, 6):
+            total -= L[k, i] * step[k]
+        step[i] = total / L[i, i]
+    return True
+
+
+@numba.njit(cache=True)
+def _moved(T, step, out):  # type: ignore[no-untyped-def]
+    """out = T Exp(ξ), as `se3.exp`."""
+    x, y, z = step[0], step[1], step[2]
+    angle2 = x * x + y * y + z * z
+    angle = np.sqrt(angle2)
+    if angle < 1e-4:
+        a, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        a = np.sin(angle) / angle
+        b = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
+        c = (1.0 - a) / angle2
+    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R, V = np.eye(3), np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            square = S[i, 0] * S[0, j] + S[i, 1] * S[1, j] + S[i, 2] * S[2, j]
+            R[i, j] += a * S[i, j] + b * square
+            V[i, j] += b * S[i, j] + c * square
+    for i in range(3):
+        out[i, 3] = T[i, 3]
+        for j in range(3):
+            out[i, j] = T[i, 0] * R[0, j] + T[i, 1] * R[1, j] + T[i, 2] * R[2, j]
+            out[i, 3] += T[i, j] * (V[j, 0] * step[3] + V[j, 1] * step[4] + V[j, 2] * step[5])
 
 
 @numba.njit(cache=True)

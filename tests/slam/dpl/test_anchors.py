@@ -11,7 +11,7 @@ from slam.dpl.certainty import Certainty
 from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
-from slam.dpl.pose import _whole_whitening, refine_pose
+from slam.dpl.pose import _moved, _whole_whitening, refine_pose
 from slam.dpl.sightings import Sightings, whitening_of
 from slam.factors import landmark_terms
 from slam.geometry import se3
@@ -105,6 +105,13 @@ def test_the_whitening_is_of_pixel_noise_and_landmark_together(seed):
         L[[0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]] = found[i]
         assert_allclose((L @ S @ L.T)[:size, :size], np.eye(size), atol=1e-9)
     assert_array_equal(found[2, 3:], 0.0)
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6), st.sampled_from([1.0, 1e-5, 0.0]))
+def test_the_compiled_step_is_that_of_the_exponential(step, size):
+    T, out = se3.exp(np.array([0.3, -0.2, 0.5, 1.0, 2.0, -1.0])), np.eye(4)
+    _moved(T, size * np.array(step), out)
+    assert_allclose(out, T @ se3.exp(size * np.array(step)), atol=1e-12)
 
 
 def test_landmarks_with_uncertain_depth_pull_less_on_the_pose():
