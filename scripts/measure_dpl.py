@@ -103,7 +103,7 @@ def _rows_of_sequence(case: str, motion: str, seed: int, chosen: argparse.Namesp
 def _people_share(sequence: SimulatedSequence) -> np.ndarray:
     """(K,) of the image."""
     people = [each.instance_id for each in sequence.truth.layout.objects
-              if each.category == "person"]
+              if each.name.startswith("person")]
     return np.array([np.isin(sequence.truth.true_instances(k), people).mean()
                      for k in range(len(sequence))])
 
