@@ -31,6 +31,7 @@ class BundleConfig:
     tolerance: float = 1e-4           # relative decrease of the objective that ends a round
     misfit_chi2: float = 5.0          # a landmark with most sightings above is left out (χ²₃)
     min_sightings: int = 2            # fewer: a landmark ties nothing together
+    max_sightings: int = 60           # of a landmark in the global batch; time is their square
 
 
 @dataclass(frozen=True, slots=True)

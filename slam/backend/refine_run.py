@@ -82,6 +82,18 @@ def filled_in(sightings: Observations) -> Observations:
     return taken(replace(s, covariance=covariance, rho=rho), np.flatnonzero(finite))
 
 
+def spread_out(count: Array, landmark: Array, most: int) -> Array:
+    """(M,) bool: at most so many sightings of each landmark, evenly over its life.
+
+    Args:
+        count: (P,) sightings of each landmark; landmark: (M,) ascending.
+    """
+    n = count[landmark]
+    rank = np.arange(len(landmark)) - np.searchsorted(landmark, landmark)
+    few = np.minimum(n, most)
+    return np.asarray((rank + 1) * few // n > rank * few // n)
+
+
 @numba.njit(cache=True)
 def fill_first(landmark, covariance):  # type: ignore[no-untyped-def]
     """Give covariances (M, 2, 2) that are not finite the mean of their landmark's others."""
@@ -121,7 +133,8 @@ def _of_body(features: Features[Landmarks, Observations], body: BodyRecord, numb
     own[own] = row_of[s.frame[own]] >= 0
     s = filled_in(taken(s, np.flatnonzero(own)))
     count = np.bincount(s.landmark, minlength=len(landmarks))
-    s = taken(s, np.flatnonzero(count[s.landmark] >= config.min_sightings))
+    s = taken(s, np.flatnonzero((count[s.landmark] >= config.min_sightings)
+                                & spread_out(count, s.landmark, config.max_sightings)))
     used, landmark = np.unique(s.landmark, return_inverse=True)
     place = landmarks.xyz_body if isinstance(landmarks, PointLandmarks) else landmarks.line_body
     return place[used], replace(s, landmark=landmark, frame=row_of[s.frame])

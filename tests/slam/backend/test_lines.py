@@ -10,6 +10,7 @@ from point_world import CAMERA, odometry, position_rms, taken, world
 from slam.backend.atlas import Atlas
 from slam.backend.bundle import bundle
 from slam.backend.config import BundleConfig, WindowConfig
+from slam.backend.refine_run import spread_out
 from slam.backend.window import SlidingWindow
 from slam.geometry import camera as pinhole
 from slam.geometry import line
@@ -146,3 +147,10 @@ def test_an_atlas_gives_back_what_was_put_in_and_uses_its_slots_again():
         slots = atlas.put(image, uv)
     assert atlas.image.shape == size
     assert len(np.unique(slots)) == 40
+
+
+def test_long_tracks_are_thinned_evenly():
+    landmark = np.repeat([0, 1, 2], [5, 200, 1])
+    kept = spread_out(np.array([5, 200, 1]), landmark, 60)
+    assert np.bincount(landmark[kept]).tolist() == [5, 60, 1]
+    assert np.diff(np.flatnonzero(kept[5:205])).max() <= 4
