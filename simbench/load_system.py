@@ -63,7 +63,7 @@ def _from_factory(name: str, intrinsics: Intrinsics) -> System:
                         f"{type(error).__name__}: {error}; mend it") from error
     if not (callable(getattr(system, "process", None))
             and callable(getattr(system, "finish", None))):
-        raise UserError(f"--system {name}: {function}(intrinsics) gave a "
+        raise UserError(f"--system {name}: {function}(intrinsics) gave "
                         f"{type(system).__name__}, wanted an object with process and finish")
     made: System = system
     return made

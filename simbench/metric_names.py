@@ -74,8 +74,8 @@ def find_metric(name: str) -> Metric:
     """The metric of that dotted name. Raises UnknownName with the closest."""
     if name not in METRICS:
         close = difflib.get_close_matches(name, METRICS, n=1, cutoff=0.4)
-        hint = f"; did you mean {close[0]!r}?" if close else ";"
-        raise UnknownName(f"no metric {name!r}{hint} docs/metrics.md names them all")
+        hint = f"; did you mean {close[0]!r}?" if close else "."
+        raise UnknownName(f"no metric {name!r}{hint} There are {', '.join(METRICS)}")
     return METRICS[name]
 
 

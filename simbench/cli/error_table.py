@@ -35,10 +35,13 @@ def print_outcome(outcome: Outcome, out: Path) -> None:
 
     console = Console(highlight=False)
     errors = error_table(outcome.metrics)
-    for part in (errors, trajectory_table(outcome.metrics)):
+    tables = (errors, trajectory_table(outcome.metrics)) if outcome.frames > 1 else ()
+    for part in tables:
         if part.rows:
             print_table(part, console)
-    for note in errors.notes:
+    if outcome.frames == 1:
+        console.print("one frame holds no motion: there is nothing to score", markup=False)
+    for note in errors.notes if outcome.frames > 1 else ():
         console.print(note, markup=False)
     timing = outcome.metrics.get("timing", {})
     if "ms_per_frame_median" in timing:

@@ -56,6 +56,8 @@ def _unit(metrics: Mapping[str, Any]) -> tuple[str, float]:
 def _without_empty_columns(columns: tuple[str, ...], rows: tuple[tuple[str, ...], ...],
                            notes: tuple[str, ...]) -> ErrorTable:
     kept = [i for i in range(len(columns)) if i == 0 or any(row[i] != NONE for row in rows)]
+    if len(kept) == 1:     # names alone say nothing
+        return ErrorTable((), (), notes)
     return ErrorTable(tuple(columns[i] for i in kept),
                       tuple(tuple(row[i] for i in kept) for row in rows), notes)
 

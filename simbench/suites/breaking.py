@@ -66,6 +66,9 @@ class Breaking:
         if self.at is None:
             return (f"{self.system}: {limit} holds {way}, in {100 * self.holds_share:.0f} % of the "
                     f"resampled sets of {seeds} seeds")
+        if self.at == ends[0]:
+            return (f"{self.system}: {limit} is broken at {dial} {ends[0]:g} already, where the "
+                    "search begins; give a weaker --limit or another --from")
         text = f"{self.system}: {limit} holds until {dial} {self.at:.4g}"
         if self.low is not None and self.high is not None:
             text += f" [{self.low:.4g}, {self.high:.4g}], {100 * LEVEL:g} % by {seeds} seeds"

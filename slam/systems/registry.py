@@ -87,7 +87,7 @@ def default_config(name: str) -> SystemConfig:
     """
     if name not in PRESETS:
         closest = get_close_matches(name, PRESETS, n=1)
-        hint = f"; did you mean {closest[0]!r}?" if closest else ""
+        hint = f"; did you mean {closest[0]!r}?" if closest else "."
         raise UnknownSystem(f"no system {name!r}{hint} There are {', '.join(PRESETS)}")
     return PRESETS[name].config
 

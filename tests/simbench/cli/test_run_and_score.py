@@ -225,3 +225,11 @@ def test_a_recording_runs_and_its_own_trajectory_scores_the_same(tmp_path, still
     assert main(["score", "--truth", str(KITTI), "--trajectory", str(broken),
                  "--out", str(scored)]) == 2
     assert f"{broken}:4:" in capsys.readouterr().err
+
+
+def test_one_frame_has_nothing_to_score_and_says_so(tmp_path, capsys):
+    assert main(["run", "SwingingBoxes-v0", "--system", "vdo", "--frames", "1", "--size", "64x48",
+                 "--out", str(tmp_path / "one")]) == 0
+    printed = capsys.readouterr().out
+    assert "nothing to score" in printed
+    assert "camera" not in printed       # no table of names without a number

@@ -46,6 +46,7 @@ def test_what_never_breaks_or_always_does_is_told():
     assert "holds from texture 1 to 0" in held.statement("texture", ERROR, (1.0, 0.0), 5)
     gone, = search(errors_at(2.0, 0.0, []), ["sdpl"], TEXTURE, (1.0, 0.0), ERROR)
     assert gone.at == 1.0
+    assert "is broken at texture 1 already" in gone.statement("texture", ERROR, (1.0, 0.0), 5)
 
 
 def test_a_system_without_any_value_is_broken_there():
@@ -76,10 +77,10 @@ def test_the_command_searches_and_writes_a_page(tmp_path, capsys, in_this_proces
                "64x48", "--reports", "none", "--flow", "noisy", "--limit", "camera.E_t=1e-9",
                "--out", str(out)]
     assert main(["suite", "break", *options]) == 0
-    assert "holds until texture 1" in capsys.readouterr().out   # nothing is that exact
+    assert "is broken at texture 1 already" in capsys.readouterr().out   # nothing is that exact
     answer = json.loads((out / "breaking.json").read_text())["breaking"]
     assert answer[0]["at"] == 1.0
-    assert "holds until texture 1" in (out / "report.html").read_text()
+    assert "is broken at texture 1 already" in (out / "report.html").read_text()
     assert main(["suite", "break", *options, "--resume"]) == 0
 
 
