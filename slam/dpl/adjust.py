@@ -9,12 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from slam.backend.linearise import linearise
 from slam.backend.pose_system import solve_poses
 from slam.backend.reduced import landmark_steps, reduce_landmarks
 from slam.dpl.config import DplConfig
-from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.keyframes import Keyframe, PointLineMap, shared_landmarks
 from slam.dpl.sightings import Sightings, joined, of_line_ends, of_points
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -39,14 +41,14 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
     Sightings that do not fit afterwards are taken off their keyframes. A step that does not
     lower the cost is not taken.
     """
-    keyframes = sorted([*free, *fixed], key=lambda k: k.number)
     points, lines = map_.landmarks_of(free)
     if len(points) + len(lines) == 0:
         return
+    keyframes = in_narrow_order(sorted([*free, *fixed], key=lambda k: k.number), map_)
     rows = _collect(keyframes, points, lines, map_)
     held = np.array([k in fixed for k in keyframes])
     if not held.any():
-        held[0] = True                            # the oldest keyframe carries the world
+        held[np.argmin([k.number for k in keyframes])] = True     # the oldest carries the world
     T = np.array([k.T_world_camera for k in keyframes])
     xyz = np.concatenate([map_.points.xyz[points, 0], map_.lines.xyz[lines].reshape(-1, 3)])
     seen = _measure(keyframes, lines, map_, rows, camera, config)
@@ -60,6 +62,31 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
     map_.lines.xyz[lines] = xyz[len(points):].reshape(-1, 2, 3)
     if cut_outliers:
         _cut(keyframes, rows, chi2 > config.track.gate**2 * 1.5)
+
+
+def adjust_all(map_: PointLineMap, camera: Intrinsics, config: DplConfig, iterations: int
+               ) -> None:
+    """Refine the whole map; the first keyframe stays, and what nobody sees follows its keyframe."""
+    living, before = map_.living(), map_.poses()
+    points, lines = map_.landmarks_of(living)
+    if len(living) < 2:
+        return
+    adjust(map_, [k for k in living if k is not living[0]], [living[0]], camera, config, iterations)
+    map_.follow_references(before, map_.poses(),
+                           np.setdiff1d(np.arange(map_.points.count), points),
+                           np.setdiff1d(np.arange(map_.lines.count), lines))
+
+
+def in_narrow_order(keyframes: list[Keyframe], map_: PointLineMap) -> list[Keyframe]:
+    """The order in which keyframes that share landmarks stand close together.
+
+    A closed loop couples its first keyframes with its last ones. By their numbers the band of the
+    reduced system would be as wide as the map; by Cuthill and McKee's order it is as wide as
+    two views of one place.
+    """
+    order = reverse_cuthill_mckee(csr_array(shared_landmarks(map_, keyframes) > 0),
+                                  symmetric_mode=True)
+    return [keyframes[i] for i in order]
 
 
 def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: PointLineMap) -> _Rows:

@@ -118,6 +118,25 @@ class MappingConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LoopConfig:
+    """Loop closing. Relocalisation uses the same place recognition, enabled or not."""
+
+    enabled: bool = True
+    consistent: int = 3              # keyframes in a row that must propose one place (ORB-SLAM)
+    likeness: float = 0.5            # of a place, against the least like covisible keyframe
+    near_landmarks: int = 30         # in common with such a keyframe
+    search_px: float = 8.0           # around predictions, when a loop is checked
+    min_inliers: int = 50            # points and lines that fit one pose, each way
+    min_inlier_share: float = 0.5    # of the pairs
+    min_found_share: float = 0.2     # of the landmarks that should be in view
+    min_area: float = 0.2            # of the image's 8×6 cells that hold inliers
+    max_drift: float = 0.15          # of the way since, by which a loop may correct
+    edge_landmarks: int = 40         # in common between keyframes tied in the pose graph
+    rest: int = 8                    # keyframes after a loop before the next one
+    iterations: int = 10             # of the adjustment of the whole map
+
+
+@dataclass(frozen=True, slots=True)
 class DplConfig:
     """Everything DPL-SLAM can be told."""
 
@@ -129,3 +148,4 @@ class DplConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)
+    loop: LoopConfig = field(default_factory=LoopConfig)

@@ -93,7 +93,7 @@ class FrameHistory:
     def result(self) -> SlamResult:
         """The run, each frame where its keyframe is now."""
         poses = [row.T_keyframe_camera if row.keyframe < 0 else
-                 self._map.keyframes[row.keyframe].T_world_camera @ row.T_keyframe_camera
+                 self._map.pose(row.keyframe) @ row.T_keyframe_camera
                  for row in self._rows]
         points, lines = self._map.points, self._map.lines
         return SlamResult(

@@ -134,7 +134,7 @@ class LocalMapper:
             if keyframe.number == 0 or not len(rows):
                 continue
             if np.mean(count[rows] > 3) > self.config.mapping.redundant_share:
-                keyframe.alive = False
+                map_.drop_keyframe(keyframe)
                 count[rows] -= 1
 
 

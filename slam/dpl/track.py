@@ -40,6 +40,17 @@ class Pairs:
 
 
 @dataclass(frozen=True, slots=True)
+class Seen:
+    """Pairs with landmarks of the map, and which landmarks were looked for."""
+
+    pairs: Pairs
+    points: Array            # (P,) landmarks' rows of the pairs
+    lines: Array             # (Q,)
+    points_in_view: Array    # rows that the pose should see
+    lines_in_view: Array
+
+
+@dataclass(frozen=True, slots=True)
 class Fit:
     T_world_camera: Array
     point_fits: Array        # (P,) bool
@@ -135,23 +146,29 @@ class PoseTracker:
         Returns:
             pairs; the landmarks' rows of the points (P,) and lines (Q,).
         """
+        seen = self.look_for(map_, point_rows, line_rows, features, T_world_camera, radius_px)
+        map_.points.visible[seen.points_in_view] += 1
+        map_.lines.visible[seen.lines_in_view] += 1
+        return seen.pairs, seen.points, seen.lines
+
+    def look_for(self, map_: PointLineMap, point_rows: Array, line_rows: Array,
+                 features: Features, T_world_camera: Array, radius_px: float) -> Seen:
+        """Pairs with landmarks that the pose should see; the map stays as it is."""
         c, orb = self.config.track, self.config.orb
         new = features.points
         view = points_in_view(map_.points, point_rows, T_world_camera, self.camera, orb.scale,
                               orb.levels)
-        map_.points.visible[view.rows] += 1
         match = match_near(view.uv_px, map_.points.words[view.rows],
                            radius_px * orb.scale ** view.level.astype(np.float64), view.level,
                            new.uv_px, as_words(new.descriptor), new.level, c.map_distance,
                            c.ratio)
         p = np.flatnonzero(match >= 0)
         lines = lines_in_view(map_.lines, line_rows, T_world_camera, self.camera)
-        map_.lines.visible[lines.rows] += 1
         line_match = match_lines_near(lines.ends_px, map_.lines.words[lines.rows],
                                       features.lines.ends_px,
                                       as_words(features.lines.descriptor), 2.0 * radius_px,
                                       c.line_distance)
         q = np.flatnonzero(line_match >= 0)
         p_rows, q_rows = view.rows[p], lines.rows[q]
-        return (Pairs(map_.points.xyz[p_rows, 0], match[p], map_.lines.xyz[q_rows],
-                      line_match[q]), p_rows, q_rows)
+        return Seen(Pairs(map_.points.xyz[p_rows, 0], match[p], map_.lines.xyz[q_rows],
+                          line_match[q]), p_rows, q_rows, view.rows, lines.rows)

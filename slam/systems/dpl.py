@@ -10,10 +10,14 @@ from slam.dpl.config import DplConfig
 from slam.dpl.features import Features
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.loop_close import LoopCloser
+from slam.dpl.loop_detect import LoopDetector
+from slam.dpl.loop_verify import verify
 from slam.dpl.mapping import LocalMapper
 from slam.dpl.memory import LandmarkMemory
 from slam.dpl.observe import FrameObserver
 from slam.dpl.picture import Picture
+from slam.dpl.recognise import PlaceIndex
 from slam.dpl.relocalise import places
 from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
 from slam.geometry.arrays import Array
@@ -22,7 +26,7 @@ from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
 
 _MIN_TO_BEGIN = 50       # points with depth (a line counts for ten) with which a map can begin
 _GIVE_UP_AFTER = 15      # lost frames with features in a row; then a new part of the map begins
-_TRIED = 10              # keyframes in which a lost frame is sought, at once
+_TRIED = 10              # keyframes in which a lost frame is sought: those most like it
 
 
 class DplSlam:
@@ -37,6 +41,9 @@ class DplSlam:
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
         self.memory = LandmarkMemory(intrinsics, config)
+        self.places = PlaceIndex()
+        self.loop_detector = LoopDetector(self.places, config.loop)
+        self.loop_closer = LoopCloser(self.tracker)
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
         self.picture: Picture | None = None
@@ -84,6 +91,7 @@ class DplSlam:
                                      clock.laps_ms())
 
     def _start_map(self, row: int, T_world_camera: Array, features: Features) -> None:
+        self.map.begin_part()
         blank = TrackedFrame(features, np.array(T_world_camera),
                              np.full(len(features.points), -1, np.int64),
                              np.full(len(features.lines), -1, np.int64))
@@ -95,9 +103,20 @@ class DplSlam:
         keyframe = self.mapper.insert(self.map, row, tracked)
         assert self.picture is not None
         self.memory.learn(self.map, keyframe, self.picture)
+        self.places.add(keyframe.features.points.descriptor)
+        if self.config.loop.enabled:
+            self._close_loop(keyframe)
         self.reference, self.most_held = keyframe, 0
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
+
+    def _close_loop(self, keyframe: Keyframe) -> None:
+        """Where the keyframe shows a place from before, the map is corrected for it."""
+        for old in self.loop_detector.candidates(self.map, keyframe):
+            loop = verify(self.map, keyframe, old, self.tracker)
+            if loop is not None and self.loop_closer.close(self.map, loop):
+                self.loop_detector.rest()
+                return
 
     def _track(self, frame: Frame, before: TrackedFrame, features: Features
                ) -> tuple[TrackedFrame | None, Fit | None]:
@@ -195,8 +214,9 @@ class DplSlam:
         return estimate
 
     def _relocalise(self, features: Features) -> tuple[TrackedFrame | None, Fit | None]:
-        recent = [k for k in reversed(self.map.keyframes) if k.alive][:_TRIED]
-        for T_world_camera, points in places(self.map, features, recent, self.intrinsics,
+        likely = [self.map.keyframes[i] for i in self.places.most_like(
+            features.points.descriptor, _TRIED) if self.map.keyframes[i].alive]
+        for T_world_camera, points in places(self.map, features, likely, self.intrinsics,
                                              self.config):
             tracked, fit = self._against_map(features, T_world_camera, points,
                                              np.zeros(0, np.int64))
