@@ -1,7 +1,7 @@
 """Grow the vocabulary of place recognition from pictures of our own scenes.
 
     python scripts/train_vocabulary.py [--out slam/dpl/vocabulary.npz] [--scenes A B] [--seeds 6]
-        [--pictures 12] [--branching 16] [--levels 3]
+        [--pictures 12] [--branching 10] [--levels 4]
 
 ORB descriptors of all pictures are split into `branching` clusters, each of these again, and so on:
 k-means on bits, where a centre is the majority of its members' bits. The leaves are the words; a
@@ -26,11 +26,11 @@ from slam.dpl.orb import OrbDetector
 from slam.dpl.vocabulary import Vocabulary
 from slam.geometry.arrays import Array
 
-SCENES = ("SwingingBoxes-v0", "Street-v0", "Office-v0")
+SCENES = ("SwingingBoxes-v0", "Street-v0", "Office-v0", "Loop-v0", "Corridor-v0")
 FIRST_SEED = 1000        # far from the seeds of any evaluation
 _PAUSE_S = 2.0           # between pictures of one world
 _ROUNDS = 12
-_POINTS = 600            # of a picture
+_POINTS = 1000           # of a picture
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -40,8 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenes", nargs="+", default=list(SCENES))
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--pictures", type=int, default=12)
-    parser.add_argument("--branching", type=int, default=16)
-    parser.add_argument("--levels", type=int, default=3)
+    parser.add_argument("--branching", type=int, default=10)
+    parser.add_argument("--levels", type=int, default=4)
     given = parser.parse_args(arguments)
     pictures = list(descriptors(given.scenes, given.seeds, given.pictures))
     centre = grow(np.concatenate(pictures), given.branching, given.levels)

@@ -128,7 +128,6 @@ class LoopConfig:
     search_px: float = 8.0           # around predictions, when a loop is checked
     min_inliers: int = 50            # points and lines that fit one pose, each way
     min_inlier_share: float = 0.5    # of the pairs
-    min_found_share: float = 0.2     # of the landmarks that should be in view
     min_area: float = 0.2            # of the image's 8×6 cells that hold inliers
     max_drift: float = 0.15          # of the way since, by which a loop may correct
     edge_landmarks: int = 40         # in common between keyframes tied in the pose graph

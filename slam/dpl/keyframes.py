@@ -66,7 +66,8 @@ class PointLineMap:
 
     def poses(self) -> Array:
         """(K, 4, 4) of all keyframes, by number."""
-        return np.array([self.pose(k.number) for k in self.keyframes]).reshape(-1, 4, 4)
+        return np.array([k.T_world_camera if k.alive else self.pose(k.number)
+                         for k in self.keyframes]).reshape(-1, 4, 4)
 
     def living(self) -> list[Keyframe]:
         return [k for k in self.keyframes if k.alive]

@@ -9,6 +9,8 @@ from slam.dpl.keyframes import Keyframe, PointLineMap
 from slam.dpl.recognise import PlaceIndex
 
 _GROUP = 10              # covisible keyframes that count as one place
+_LOOKED_AT = 10          # keyframes most like the new one
+_PLACES = 3              # that a keyframe proposes at most
 
 
 class LoopDetector:
@@ -48,17 +50,17 @@ class LoopDetector:
         if not near.any():
             return []                             # nothing to tell what likeness a place has
         alive = np.array([k.alive for k in map_.keyframes])
-        likely = alive & (shared == 0) & (scores >= self.config.likeness * scores[near].max())
+        likely = alive & (shared == 0) & (scores >= self.config.likeness * scores[near].min())
         likely[keyframe.number] = False
+        order = np.argsort(-scores, kind="stable")
         found: dict[int, tuple[float, set[int]]] = {}
-        for number in np.flatnonzero(likely):
+        for number in order[likely[order]][:_LOOKED_AT].tolist():
             group = [k.number for k in map_.neighbours(map_.keyframes[number], _GROUP)]
-            group.append(int(number))
+            group.append(number)
             members = [n for n in group if likely[n]]
             best = max(members, key=lambda n: (scores[n], -n))
             total = float(scores[members].sum())
             if best not in found or total > found[best][0]:
                 found[best] = (total, set(group))
-        top = max((total for total, _ in found.values()), default=0.0)
-        order = sorted(found, key=lambda n: (-found[n][0], n))
-        return [(n, found[n][1]) for n in order if found[n][0] >= 0.75 * top]
+        best_first = sorted(found, key=lambda n: (-found[n][0], n))
+        return [(n, found[n][1]) for n in best_first[:_PLACES]]

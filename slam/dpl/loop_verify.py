@@ -68,13 +68,11 @@ def _look(map_: PointLineMap, around: Keyframe, features: Features, T_world_came
 
 def _sure(fit: Fit, seen: Seen, features: Features, tracker: PoseTracker) -> bool:
     config = tracker.config.loop
-    in_view = len(seen.points_in_view) + len(seen.lines_in_view)
     uv = np.concatenate([
         features.points.uv_px[seen.pairs.point[fit.point_fits]],
         features.lines.ends_px[seen.pairs.line[fit.line_fits]].reshape(-1, 2)])
     size = np.array([tracker.camera.width, tracker.camera.height])
     return (fit.inliers >= config.min_inliers and fit.share >= config.min_inlier_share
-            and fit.inliers >= config.min_found_share * in_view
             and covered(uv / size) >= config.min_area)
 
 
