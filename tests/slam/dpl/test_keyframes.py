@@ -1,0 +1,71 @@
+"""Landmarks and dead keyframes follow what they hang on; one thing seen twice is one landmark."""
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+
+from slam.dpl.features import Features, KeyLines, KeyPoints
+from slam.dpl.keyframes import PointLineMap, shared_landmarks
+from slam.geometry import se3
+
+
+def features(points=4, lines=2):
+    return Features(
+        KeyPoints(np.zeros((points, 2)), np.zeros(points, np.int32), np.zeros(points),
+                  np.zeros((points, 32), np.uint8), np.zeros(points)),
+        KeyLines(np.zeros((lines, 2, 2)), np.zeros((lines, 32), np.uint8), np.zeros((lines, 2))))
+
+
+def map_of(poses, point_of, line_of):
+    map_ = PointLineMap()
+    rng = np.random.default_rng(0)
+    map_.points.add(rng.normal(size=(6, 1, 3)), np.zeros((6, 32), np.uint8),
+                    np.zeros(6, np.int32), np.zeros(3), 0)
+    map_.lines.add(rng.normal(size=(3, 2, 3)), np.zeros((3, 32), np.uint8),
+                   np.zeros(3, np.int32), np.zeros(3), 0)
+    for i, T in enumerate(poses):
+        map_.add_keyframe(i, T, features(), np.array(point_of[i]), np.array(line_of[i]))
+    return map_
+
+
+POSES = se3.exp(np.random.default_rng(1).normal(size=(3, 6)) * 0.3)
+POINTS = [[0, 1, 2, -1], [1, 2, 3, 4], [2, 3, 5, -1]]
+LINES = [[0, -1], [0, 1], [1, 2]]
+
+
+def test_a_line_stays_where_it_was_as_its_reference_keyframe_sees_it():
+    map_ = map_of(POSES, POINTS, LINES)
+    map_.lines.reference[:] = [0, 1, 2]
+    before = map_.poses()
+    seen = [se3.transform_points(se3.inverse(before[i]), map_.lines.xyz[i]) for i in range(3)]
+    for keyframe, step in zip(map_.keyframes, np.eye(6)[:3] * 0.2, strict=True):
+        keyframe.T_world_camera = se3.exp(step) @ keyframe.T_world_camera
+    map_.follow_references(before, map_.poses(), np.arange(6), np.arange(3))
+    for i, keyframe in enumerate(map_.keyframes):
+        assert_allclose(se3.transform_points(se3.inverse(keyframe.T_world_camera),
+                                             map_.lines.xyz[i]), seen[i], atol=1e-12)
+
+
+def test_a_dead_keyframe_goes_where_the_one_goes_that_shares_most_with_it():
+    map_ = map_of(POSES, POINTS, LINES)
+    dead = map_.keyframes[2]
+    map_.drop_keyframe(dead)
+    assert dead.parent == 1                       # three landmarks in common, one with keyframe 0
+    assert_allclose(map_.pose(2), POSES[2], atol=1e-12)
+    move = se3.exp(np.array([0.1, 0.0, 0.0, 1.0, 0.0, 0.0]))
+    map_.keyframes[1].T_world_camera = move @ POSES[1]
+    assert_allclose(map_.poses()[2], move @ POSES[2], atol=1e-12)
+
+
+def test_merged_landmarks_are_the_oldest_and_a_keyframe_sees_each_once():
+    map_ = map_of(POSES, POINTS, LINES)
+    map_.merge(map_.points, np.array([3, 5]), np.array([1, 3]))       # 5 = 3 = 1
+    assert_array_equal(np.flatnonzero(map_.points.alive), [0, 1, 2, 4])
+    assert_array_equal(map_.keyframes[1].point_of, [1, 2, -1, 4])
+    assert_array_equal(map_.keyframes[2].point_of, [2, 1, -1, -1])
+    assert map_.points.found[1] == 3
+    assert_array_equal(map_.keyframes[2].line_of, LINES[2])
+
+
+def test_landmarks_in_common_are_counted_for_each_pair():
+    map_ = map_of(POSES, POINTS, LINES)
+    assert_array_equal(shared_landmarks(map_, map_.keyframes), [[4, 3, 1], [3, 6, 3], [1, 3, 5]])

@@ -1,0 +1,117 @@
+"""A camera that turns once about itself in a ray-cast room: the loop is found and mends the run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import box_world as bw
+import slam
+from slam.dpl.loop_close import bent
+from slam.dpl.loop_verify import covered
+from slam.geometry import se3
+from slam.systems.registry import default_config
+from slam.types import Status
+
+ROUND, OVER = 44, 7
+H, W = bw.CAMERA.height, bw.CAMERA.width
+
+
+def camera_path():
+    """(K, 4, 4): round in ROUND frames and on over what was seen first."""
+    yaw = 2 * np.pi * np.arange(ROUND + OVER) / ROUND
+    turn = se3.exp_so3(np.stack([0 * yaw, yaw, 0 * yaw], 1))
+    return se3.from_rotation_translation(
+        turn, np.stack([0.9 * np.sin(yaw), 0.1 * np.sin(3 * yaw), -0.9 * np.cos(yaw)], 1))
+
+
+@pytest.fixture(scope="module")
+def round_trip():
+    """Noisy frames of the whole turn."""
+    camera, rng = camera_path(), np.random.default_rng(0)
+    frames = []
+    for k, T in enumerate(camera):
+        now = bw.render(T, {})
+        depth = now.depth_m + 0.004 * now.depth_m**2 * rng.normal(size=now.depth_m.shape)
+        frames.append(bw.Frame(k, k / bw.FPS, np.rint(now.rgb).astype(np.uint8),
+                               depth.astype(np.float32), bw.CAMERA))
+    return camera, frames
+
+
+def run(frames, **loop):
+    config = default_config("orb")
+    system = slam.make("orb", bw.CAMERA, replace(config, loop=replace(config.loop, **loop)))
+    return system, [system.process(f) for f in frames], system.finish()
+
+
+def errors_m(camera, poses):
+    true = se3.inverse(camera[0]) @ camera
+    return np.linalg.norm(np.asarray(poses)[:, :3, 3] - true[:, :3, 3], axis=1)
+
+
+@pytest.fixture(scope="module")
+def closed(round_trip):
+    """System, estimates and result of the whole turn."""
+    return run(round_trip[1])
+
+
+def test_a_loop_is_found_where_it_is_and_mends_the_trajectory(round_trip, closed):
+    camera, frames = round_trip
+    _, _, open_result = run(frames, enabled=False)
+    system, estimates, result = closed
+    assert system.loop_closer.loops
+    for loop in system.loop_closer.loops:
+        true = se3.inverse(camera[loop.old.frame]) @ camera[loop.keyframe.frame]
+        error = se3.inverse(true) @ loop.T_old_keyframe
+        assert np.linalg.norm(error[:3, 3]) < 0.05
+    before, after = (errors_m(camera, r.T_world_camera) for r in (open_result, result))
+    assert after[-5:].mean() < before[-5:].mean() / 3
+    assert after.mean() < 0.7 * before.mean()
+    # The online trajectory goes on from the corrected map.
+    assert errors_m(camera, [e.T_world_camera for e in estimates])[-1] < before[-1] / 3
+
+
+def test_equal_frames_give_equal_bytes_beyond_a_loop(round_trip, closed):
+    _, frames = round_trip
+    again = run(frames)[2]
+    assert closed[2].T_world_camera.tobytes() == again.T_world_camera.tobytes()
+    assert closed[2].points_world.tobytes() == again.points_world.tobytes()
+
+
+def test_where_no_place_comes_again_no_loop_is_closed(round_trip):
+    _, frames = round_trip
+    system, _, _ = run(frames[:ROUND - 8], consistent=1)
+    assert not system.loop_closer.loops
+
+
+def test_a_camera_uncovered_at_a_place_of_long_ago_is_found_there(round_trip):
+    """Half a turn, 60 black frames, then a view from the beginning."""
+    camera, frames = round_trip
+    half = frames[:ROUND // 2]
+    dark = [replace(half[-1], rgb=np.zeros((H, W, 3), np.uint8), index=len(half) + i,
+                    stamp_s=half[-1].stamp_s + 0.1 * (1 + i)) for i in range(60)]
+    later = [replace(frames[k], index=len(half) + 60 + i,
+                     stamp_s=dark[-1].stamp_s + 0.1 * (1 + i)) for i, k in enumerate((1, 2, 3))]
+    _, estimates, _ = run([*half, *dark, *later])
+    assert all(e.status == Status.LOST for e in estimates[len(half):len(half) + 60])
+    assert [e.status for e in estimates[-3:]] == [Status.TRACKED] * 3
+    true = se3.inverse(camera[0]) @ camera[1:4]
+    found = np.array([e.T_world_camera for e in estimates[-3:]])
+    assert np.linalg.norm((found - true)[:, :3, 3], axis=1).max() < 0.1
+
+
+def test_a_gap_is_spread_over_the_way_between_the_ends_of_a_loop():
+    T = np.repeat(np.eye(4)[None], 12, 0)
+    T[:, 0, 3] = np.arange(12.0)
+    back = se3.exp(np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]))
+    out = bent(T, 0, 10, back)
+    assert np.allclose(out[0], T[0])
+    assert np.allclose(out[10], back, atol=1e-6)
+    assert np.allclose(out[5, :3, 3], [0.0, 0.0, 0.0], atol=1e-5)
+    assert np.allclose(se3.inverse(out[10]) @ out[11], se3.inverse(T[10]) @ T[11], atol=0.11)
+
+
+def test_coverage_counts_cells():
+    assert covered(np.zeros((5, 2))) == 1 / 48
+    everywhere = np.stack(np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 1, 40)), -1)
+    assert covered(everywhere.reshape(-1, 2)) == 1.0
