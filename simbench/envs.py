@@ -57,7 +57,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
                  render_mode: str | None = None, *, flow: str = "truth", masks: str = "truth",
                  shuffle_labels: bool = True, size: tuple[int, int] | None = None,
                  fps: float | None = None, max_turn_rad_s: float = 0.5,
-                 max_speed_m_s: float = 0.5, max_objects: int = 16, max_edges: int = 2048,
+                 max_speed_m_s: float = 0.5, max_objects: int | None = None, max_edges: int = 2048,
                  **dials: float | str) -> None:
         """
         Args:
@@ -68,6 +68,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
             masks: truth, noisy or hsv.
             size: (width, height) px; the scene's own if None.
             fps: frames per second; the scene's own if None.
+            max_objects, max_edges: rows to which truth is padded; objects: the scene's own most.
             dials: the scene's dials, such as texture=0.5.
         Raises:
             UserError: an unknown scene, sensor, dial or choice, or a value out of range.
@@ -88,7 +89,8 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         self.choice = InputChoice(flow=flow, masks=masks, boxes="none", depth="sensor",
                                   sensor=sensor, shuffle_labels=shuffle_labels)
         self.render_mode = render_mode
-        self.max_objects, self.max_edges = max_objects, max_edges
+        self.max_objects = max_objects or self.spec_of_scene.most_objects
+        self.max_edges = max_edges
         self.max_twist = np.repeat([max_turn_rad_s, max_speed_m_s], 3).astype(np.float64)
         self._dials = self.spec_of_scene.resolve_dials(dials)
         self._size = size or (self.spec_of_scene.width, self.spec_of_scene.height)

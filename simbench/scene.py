@@ -121,6 +121,7 @@ class SceneSpec:
     height: int = 480
     fps: float = 30.0
     frames: int = 300
+    most_objects: int = 16      # environments pad their truth to so many
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

@@ -52,3 +52,12 @@ def test_the_table_of_bounds_holds_camera_and_objects(capsys: pytest.CaptureFixt
                                   "check_kitti_truth", "measure_suites"])
 def test_a_script_loads(name: str):
     assert script(name).main.__name__ == "main"
+
+
+def test_memory_is_read_and_no_context_stays_open(capsys: pytest.CaptureFixture[str]):
+    script("measure_memory").main(["--steps", "20", "--scenes", "SwingingBoxes-v0"])
+    header, _, row = (cells(line) for line in capsys.readouterr().out.splitlines())
+    read = dict(zip(header, row, strict=True))
+    assert int(read["resets"]) >= 1
+    assert float(read["MB at first"]) > 10
+    assert int(read["contexts open"]) == 0

@@ -236,4 +236,4 @@ register_scene(
     name="Street-v0",
     description="a town street with driving, oncoming, turning and parked cars, seen from a car",
     mjcf="street.xml", build=build, dials=DIALS,
-    width=1216, height=368, fps=10.0, frames=100)
+    width=1216, height=368, fps=10.0, frames=100, most_objects=len(_ROLES) + _PARKED)

@@ -47,10 +47,11 @@ def test_every_scene_has_its_environment():
     assert {f"simbench/{name}" for name in names} <= set(gymnasium.registry)
 
 
-def test_gymnasium_finds_nothing_wrong():
+@pytest.mark.parametrize("scene", BUILTIN_SCENES)
+def test_gymnasium_finds_nothing_wrong(scene):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = gymnasium.make(NAME, **SMALL)
+        made = gymnasium.make(f"simbench/{scene}", **SMALL)
         check_env(made.unwrapped)
     made.close()
 
