@@ -62,11 +62,14 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args(words)
     logging.disable(logging.WARNING)
-    with tempfile.TemporaryDirectory() as folder:
-        targets = make_targets(Path(folder))
-        for target in targets:
-            target.read()       # as it is, it is read
-        return fuzz(targets, chosen.inputs, random.Random(chosen.seed))
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            targets = make_targets(Path(folder))
+            for target in targets:
+                target.read()       # as it is, it is read
+            return fuzz(targets, chosen.inputs, random.Random(chosen.seed))
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 def fuzz(targets: list[Target], inputs: int, chance: random.Random) -> int:

@@ -61,7 +61,9 @@ def read_json_object(path: Path, otherwise: str, most: int = MOST_TEXT_BYTES) ->
     try:
         value = json.loads(read_bytes(path, most), parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
-        raise BadFile(f"{path}: not valid JSON ({str(error)[:80]}); {otherwise}") from None
+        line = f":{error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        raise BadFile(f"{path}{line}: not JSON, or not valid JSON ({str(error)[:80]}); {otherwise}"
+                      ) from None
     except BadFile as error:
         raise BadFile(f"{str(error).rpartition(';')[0]}; {otherwise}") from None
     if not isinstance(value, dict):
