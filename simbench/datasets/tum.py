@@ -22,6 +22,7 @@ from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.types import Frame, Intrinsics
 
+_LONGEST_NAME = 1000
 ASSOCIATION_S = 0.02      # as TUM's associate.py
 TRUTH_GAP_S = 0.05        # a true pose is interpolated over no longer a gap than this on each side
 
@@ -90,7 +91,8 @@ def read_image_list(path: Path) -> tuple[Array, tuple[Path, ...]]:
                           "mend or remove this row")
         stamps.append(numbers_of(path, line, words, 1, "t file")[0])
         name = PurePosixPath(words[1])
-        if name.is_absolute() or ".." in name.parts or "\0" in words[1]:
+        if (name.is_absolute() or ".." in name.parts or "\0" in words[1]
+                or len(words[1]) > _LONGEST_NAME):
             raise BadFile(f"{path}:{line}: {words[1]:.80} leads out of the folder; mend or remove "
                           "this row")
         paths.append(path.parent / name)
