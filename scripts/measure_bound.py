@@ -31,6 +31,7 @@ from simbench.metrics.bound import (
     object_motion_covariance,
 )
 from simbench.metrics.camera import camera_step_errors
+from simbench.metrics.efficiency import CAMERA, GaussianNoise, true_step, visible_pixels
 from simbench.render import make_renderer
 from simbench.run import run
 from simbench.score import Online
@@ -46,7 +47,7 @@ from slam.types import Frame, FrameEstimate
 
 FLOW_SIGMA_PX = 0.3
 INVERSE_DEPTH_SIGMA = 0.002      # σ_z = 0.002 z² is this in 1/z
-CAMERA = 0                       # the static world's number among the bodies
+NOISE = GaussianNoise(FLOW_SIGMA_PX, INVERSE_DEPTH_SIGMA)
 BOUNDS = ("cells", "pixels")
 WANTED = {"camera": 1.5, "objects": 2.0}
 
@@ -81,23 +82,16 @@ class Informant:
     def __call__(self, frame: Frame, estimate: FrameEstimate) -> None:
         current = observe(frame)
         if self._previous is not None:
-            k = frame.index
-            bodies = self._cells(self._previous, current, k), self._pixels(k)
+            k, truth = frame.index, self.sequence.truth
+            pixels = visible_pixels(truth, k, NOISE)
+            bodies = (self._cells(self._previous, current, k),
+                      {body: seen for body, (seen, _) in pixels.items()})
             for name, found in zip(BOUNDS, bodies, strict=True):
                 self.information[name][k] = {
-                    body: motion_information(self.true_motion(body, k), seen,
+                    body: motion_information(true_step(truth.trajectories, body, k), seen,
                                              self.sequence.intrinsics)
                     for body, seen in found.items()}
         self._previous = current
-
-    def true_motion(self, body: int, k: int) -> Array:
-        """(4, 4) T_a_b from frame k − 1 to k as a body sees the camera move."""
-        truth = self.sequence.truth.trajectories
-        X_a, X_b = truth.T_world_camera[k - 1], truth.T_world_camera[k]
-        if body == CAMERA:
-            return se3.inverse(X_a) @ X_b
-        L_a, L_b = truth.objects[body].T_world_object[k - 1: k + 1]
-        return se3.inverse(X_a) @ L_a @ se3.inverse(L_b) @ X_b
 
     def _cells(self, a: Observation, b: Observation, k: int) -> dict[int, TrueCorrespondences]:
         """The tracker's own correspondences, with the numbers of true objects as groups."""
@@ -113,21 +107,6 @@ class Informant:
                     cells.uv_a[own], rho_a[own], FLOW_SIGMA_PX / np.sqrt(pixels[own]),
                     sigma_rho[own], sigma_b[own])
                 for g in np.unique(cells.group) for own in [cells.group == g]}
-
-    def _pixels(self, k: int) -> dict[int, TrueCorrespondences]:
-        """Each pixel of frame k − 1 that is visible in frame k."""
-        frame, flow = self.sequence.truth.frame(k - 1), self.sequence.truth.flow(k - 1, k)
-        v, u = np.nonzero(flow.valid & ~flow.leaving & ~flow.occluded)
-        uv = np.stack([u, v], axis=-1).astype(np.float64)
-        rho, body = 1.0 / frame.depth_m[v, u].astype(np.float64), frame.instance_id[v, u]
-        out = {}
-        for g in np.unique(body):
-            own = body == g
-            same = np.ones(int(own.sum()))
-            out[int(g)] = TrueCorrespondences(
-                uv[own], rho[own], FLOW_SIGMA_PX * same, INVERSE_DEPTH_SIGMA * same,
-                INVERSE_DEPTH_SIGMA * same)
-        return out
 
 
 def _true_inverse_depth(depth_m: Array, cells: PointMatches) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 from simbench.detections import Detections
 from simbench.errors import UserError
 from simbench.input_choice import CHOICES, InputChoice, Rendered, resolve_choice
-from simbench.sensors.depth import apply_depth_noise, clean_depth
+from simbench.metrics.efficiency import GaussianNoise
+from simbench.sensors.depth import GaussianDepth, apply_depth_noise, clean_depth
 from simbench.sensors.flow import FlowNoise, NoiseField, draw_noise, flow_noise
 from simbench.sensors.hsv import hsv_masks
 from simbench.sensors.masks import majority_objects, mask_noise, shuffle_labels
@@ -60,6 +61,18 @@ class Feed:
     @property
     def intrinsics(self) -> Intrinsics:
         return self.sequence.intrinsics
+
+    @property
+    def gaussian_noise(self) -> GaussianNoise | None:
+        """The noise of flow and depth, where both have white Gaussian noise of known size."""
+        flow, depth = self.flow_noise, self.sensor.depth
+        known = (self.choice.flow == "noisy" and flow.sigma_px > 0 and flow.shape == "isotropic"
+                 and flow.correlation_px == 0 and self.choice.depth == "sensor"
+                 and isinstance(depth, GaussianDepth) and depth.sigma_m_at_1m > 0)
+        if not known or not isinstance(depth, GaussianDepth):
+            return None
+        # σ_z = s z² is s in 1/z.
+        return GaussianNoise(flow.sigma_px, depth.sigma_m_at_1m)
 
     def __len__(self) -> int:
         return self._length

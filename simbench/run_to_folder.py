@@ -23,6 +23,7 @@ from simbench.load_system import load_system
 from simbench.metrics.association import nearest_objects, owners
 from simbench.metrics.culling import CullingErrors
 from simbench.metrics.deforming import RigidFits, rigid_fit_metrics
+from simbench.metrics.efficiency import Bounds
 from simbench.metrics.estimates import (
     CameraEstimates,
     ObjectMotions,
@@ -34,7 +35,7 @@ from simbench.ply import ply_text
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import Filmstrip
 from simbench.report.page import render_report
-from simbench.run import RunRecord, run, score
+from simbench.run import Observer, RunRecord, run, score
 from simbench.score import Online, poses_and_motions_metrics, truncated
 from simbench.sequence import Sequence as RecordedSequence
 
@@ -76,10 +77,16 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     flow, culling, fits = FlowErrors(shown), CullingErrors(shown), RigidFits(shown)
     given = HashedFeed(feed)
     observers = (film, flow, culling, fits) if report else (flow, culling, fits)
+    flow, fits = FlowErrors(truth if exact else None), RigidFits(truth if exact else None)
+    given, noise = HashedFeed(feed), feed.gaussian_noise
+    bounds = None if noise is None or truth is None else Bounds(truth, noise)
+    observers: list[Observer] = [flow, fits]
+    observers += [film] if report else []
+    observers += [] if bounds is None else [bounds]
     with captured_log() as said:
         record = run(system, given, progress=progress, observers=observers)
         trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
-        scores = score(trajectories, record, exact=exact)
+        scores = score(trajectories, record, exact=exact, bounds=bounds)
     entries = (*log, *said, *record.log)
     scores |= {name: block for name, block in (("flow", flow.metrics()),
                                                ("culling", culling.metrics())) if block}

@@ -10,7 +10,8 @@ import numpy as np
 from simbench.errors import UserError
 from simbench.metrics.association import nearest_objects, owners
 from simbench.metrics.camera import camera_metrics, camera_step_errors
-from simbench.metrics.consistency import nees
+from simbench.metrics.consistency import consistency_metrics
+from simbench.metrics.efficiency import Bounds
 from simbench.metrics.estimates import (
     CameraEstimates,
     ObjectMotions,
@@ -25,7 +26,6 @@ from simbench.metrics.timing import peak_rss_mb, timing_metrics
 from simbench.record import RunRecord
 from simbench.sequence import Sequence
 from simbench.types import ObjectPoses, Trajectories
-from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.types import SlamResult
 
@@ -49,13 +49,14 @@ class Online:
         return object_errors(self.motions, self.owner, self.camera, truth, exact)
 
 
-def score(trajectories: Trajectories | None, record: RunRecord, *, exact: bool = True
-          ) -> dict[str, Any]:
+def score(trajectories: Trajectories | None, record: RunRecord, *, exact: bool = True,
+          bounds: Bounds | None = None) -> dict[str, Any]:
     """The metrics of a run, by the stable keys of metrics.json.
 
     Args:
         trajectories: the truth; None where nothing is known, and then there are no errors.
         exact: the truth is a simulator's, not a recording's.
+        bounds: watched the run, where the noise of its inputs is known.
     """
     out: dict[str, Any] = {}
     if trajectories is not None:
@@ -64,7 +65,9 @@ def score(trajectories: Trajectories | None, record: RunRecord, *, exact: bool =
         out["camera"] = camera_metrics(online.camera, truth, exact)
         errors = online.object_errors(truth, exact)
         out["objects"] = object_metrics(errors, online.motions, online.owner, truth, exact)
-        out["consistency"] = _consistency(record, online.camera, truth)
+        out["consistency"] = consistency_metrics(
+            online.camera, camera_step_errors(online.camera, truth), online.motions, errors, truth,
+            bounds)
         if record.result is not None:
             camera, motions = batch_of(record.result, record.stamps_s)
             out |= _batch_blocks(camera, motions, online.owner, truth, exact)
@@ -124,19 +127,6 @@ def _batch_blocks(camera: CameraEstimates, motions: ObjectMotions, online_owner:
     errors = object_errors(motions, owner, camera, truth, exact)
     return {"camera_batch": camera_metrics(camera, truth, exact),
             "objects_batch": object_metrics(errors, motions, owner, truth, exact)}
-
-
-def _consistency(record: RunRecord, camera: CameraEstimates, truth: Trajectories
-                 ) -> dict[str, float]:
-    """Mean NEES of the camera's increments, where the system states covariances."""
-    k = np.array([k for k in camera_step_errors(camera, truth).frame
-                  if record.estimates[k].covariance is not None], dtype=np.int64)
-    if not len(k):
-        return {}
-    true_steps = se3.inverse(truth.T_world_camera[k - 1]) @ truth.T_world_camera[k]
-    covariance = np.array([record.estimates[i].covariance for i in k])
-    return {"nees_camera": float(nees(camera.T_previous_camera[k], true_steps,
-                                      covariance).mean())}
 
 
 def truncated(truth: Trajectories, count: int) -> Trajectories:

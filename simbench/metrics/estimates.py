@@ -22,10 +22,12 @@ class CameraEstimates:
     pose_known: Array           # (K,) bool
     T_previous_camera: Array    # (K, 4, 4) the motion that ended in frame k
     step_known: Array           # (K,) bool: this motion is an estimate, over one frame
+    step_covariance: Array | None = None   # (K, 6, 6) of T_previous_camera Exp(ξ); NaN: not stated
 
     def __post_init__(self) -> None:
         freeze_fields(self, T_world_camera=("K", 4, 4), pose_known=("K",),
-                      T_previous_camera=("K", 4, 4), step_known=("K",))
+                      T_previous_camera=("K", 4, 4), step_known=("K",),
+                      step_covariance=("K", 6, 6))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +40,12 @@ class ObjectMotions:
     centroid_world: Array       # (M, 3) at the frame before
     T_world_camera: Array       # (M, 4, 4) the estimated camera at the frame before
     stands_on: Array            # (M,) int: true object under the track's label; NO_OBJECT if none
+    covariance: Array | None = None   # (M, 6, 6) of H_world Exp(ξ); NaN where not stated
 
     def __post_init__(self) -> None:
         freeze_fields(self, frame=("M",), track=("M",), H_world=("M", 4, 4),
-                      centroid_world=("M", 3), T_world_camera=("M", 4, 4), stands_on=("M",))
+                      centroid_world=("M", 3), T_world_camera=("M", 4, 4), stands_on=("M",),
+                      covariance=("M", 6, 6))
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -68,7 +72,8 @@ def online_camera(estimates: Sequence[FrameEstimate], one_frame: Array) -> Camer
     first = np.array([e.status is Status.FIRST for e in estimates], dtype=bool)
     return CameraEstimates(
         stacked([e.T_world_camera for e in estimates]), tracked | first,
-        stacked([e.T_previous_camera for e in estimates]), tracked & one_frame)
+        stacked([e.T_previous_camera for e in estimates]), tracked & one_frame,
+        stacked_covariances([e.covariance for e in estimates]))
 
 
 def online_motions(estimates: Sequence[FrameEstimate], one_frame: Array,
@@ -89,7 +94,8 @@ def online_motions(estimates: Sequence[FrameEstimate], one_frame: Array,
         np.array([motion.centroid_world for _, _, motion, _ in rows]).reshape(-1, 3),
         stacked(previous),
         np.array([true_of_label[k].get(motion.instance_id, NO_OBJECT)
-                  for k, _, motion, _ in rows], dtype=np.int64))
+                  for k, _, motion, _ in rows], dtype=np.int64),
+        stacked_covariances([motion.covariance for _, _, motion, _ in rows]))
 
 
 def batch_camera(result: SlamResult, stamps_s: Array) -> CameraEstimates:
@@ -143,3 +149,10 @@ def motions_of_rows(frame: Array, track: Array, H_world: Array, centroid_world: 
 def stacked(transforms: Sequence[Array]) -> Array:
     """A list of (4, 4) as one (N, 4, 4), N ≥ 0."""
     return np.array(transforms, dtype=np.float64).reshape(-1, 4, 4)
+
+
+def stacked_covariances(covariances: Sequence[Array | None]) -> Array:
+    """A list of (6, 6) as one (N, 6, 6); NaN where there is None."""
+    unknown = np.full((6, 6), np.nan)
+    return np.array([unknown if P is None else P for P in covariances],
+                    dtype=np.float64).reshape(-1, 6, 6)

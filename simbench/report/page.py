@@ -96,9 +96,15 @@ def _extras(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
                       f"{lines['static_tracklet_length']:.1f} frames"))
     if "epe" in flow:
         found.append(("End-point error of the flow given", f"{flow['epe']:.3g} px"))
-    if "nees_camera" in consistency:
-        found.append(("NEES of the camera's motions (6 is right)",
-                      f"{consistency['nees_camera']:.2f}"))
+    for of, whose in (("camera", "camera's"), ("objects", "objects'")):
+        if f"nees_{of}" in consistency:
+            found.append((f"NEES of the {whose} motions",
+                          f"{consistency[f'nees_{of}']:.2f}; right: "
+                          f"{consistency[f'nees_{of}_low']:.2f} to "
+                          f"{consistency[f'nees_{of}_high']:.2f}"))
+        if f"efficiency_{of}" in consistency:
+            found.append((f"Efficiency of the {whose} motions",
+                          f"{consistency[f'efficiency_{of}']:.0%} of the Cramér–Rao bound"))
     return found
 
 

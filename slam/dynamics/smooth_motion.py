@@ -14,8 +14,6 @@ from slam.config import SmoothMotionConfig
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
-_REGULAR = 1e-9    # share of the information's trace: what is not known at all stays finite
-
 
 @dataclass(frozen=True, slots=True)
 class BodyVelocity:
@@ -26,10 +24,12 @@ class BodyVelocity:
     twist: Array             # (6,) [ω rad/s, v m/s] in the body's frame
     covariance: Array        # (6, 6) of the twist
 
-    def motion(self, dt_s: float) -> Array:
-        """H_world (4, 4) that brought the body here in the last `dt_s`."""
-        step = self.T_world_body @ se3.exp(self.twist * dt_s) @ se3.inverse(self.T_world_body)
-        return np.asarray(se3.orthonormalised(step))
+    def motion(self, dt_s: float) -> tuple[Array, Array]:
+        """H_world (4, 4) that brought the body here in the last `dt_s`; covariance of H Exp(ξ)."""
+        step = se3.exp(self.twist * dt_s)
+        before = self.T_world_body @ se3.inverse(step)
+        A = se3.adjoint(before) * dt_s
+        return se3.orthonormalised(before @ step @ se3.inverse(before)), A @ self.covariance @ A.T
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,7 @@ class MeasuredMotion:
     """A body's motion between two frames, as the matches between them have it."""
 
     H_world: Array           # (4, 4)
-    T_world_seen: Array      # (4, 4) the pose whose right perturbation the information is of
-    information: Array       # (6, 6)
+    covariance: Array        # (6, 6) of H Exp(ξ)
     before_s: float
     stamp_s: float
 
@@ -55,25 +54,17 @@ def keep_moving(before: BodyVelocity | None, measured: MeasuredMotion, place_wor
         place_world: (3,) m, where a body's frame begins.
     """
     dt_s = measured.stamp_s - measured.before_s
-    follows = before is not None and before.stamp_s == measured.before_s
-    T_world_body = before.T_world_body if before is not None and follows else (
-        se3.from_rotation_translation(np.eye(3), place_world))
-    twist, covariance = _measured_twist(measured, T_world_body, dt_s)
-    if before is not None and follows:
-        twist, covariance = _joined(before, twist, covariance, dt_s, config)
-    return BodyVelocity(measured.stamp_s, T_world_body @ se3.exp(twist * dt_s), twist, covariance)
-
-
-def _measured_twist(measured: MeasuredMotion, T_world_body: Array, dt_s: float
-                    ) -> tuple[Array, Array]:
-    """Twist (6,) in the body's frame, and its covariance (6, 6)."""
+    if before is not None and before.stamp_s != measured.before_s:
+        before = None
+    T_world_body = (se3.from_rotation_translation(np.eye(3), place_world) if before is None
+                    else before.T_world_body)
     T_body_world = se3.inverse(T_world_body)
     twist = se3.log(T_body_world @ measured.H_world @ T_world_body) / dt_s
-    information = measured.information
-    regular = information + np.eye(6) * (_REGULAR * np.trace(information) + 1e-12)
-    # H's right perturbation is that of the pose it ends in, seen from the body.
-    A = se3.adjoint(T_body_world @ measured.T_world_seen) / dt_s
-    return twist, A @ np.linalg.inv(regular) @ A.T
+    A = se3.adjoint(T_body_world) / dt_s
+    covariance = A @ measured.covariance @ A.T
+    if before is not None:
+        twist, covariance = _joined(before, twist, covariance, dt_s, config)
+    return BodyVelocity(measured.stamp_s, T_world_body @ se3.exp(twist * dt_s), twist, covariance)
 
 
 def _joined(before: BodyVelocity, twist: Array, covariance: Array, dt_s: float,

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from slam.config import MotionConfig
+from slam.estimation.kernel import efficiency
 from slam.estimation.line_family import LineFamily
 from slam.estimation.point_family import PointFamily
 from slam.geometry import se3
@@ -22,7 +23,7 @@ from slam.matches import LineMatches, PointMatches
 from slam.types import Intrinsics
 
 _MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
-_SMALLEST_SCALE2 = 1e-8        # noise-free input must not make the systems singular
+_SMALLEST_SCALE2 = 1e-8         # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
 _SAMPLE = 1000                 # points of a motion are enough for medians and first steps
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
@@ -185,11 +186,21 @@ class _Problem:
 
     def solution(self, T: Array, information: Array) -> Motions:
         unused = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
-        return Motions(T, information, self.points.accumulate(T, *unused),
-                       self.lines.accumulate(T, *unused), np.sqrt(self.flow_scale2),
+        point_chi = self.points.accumulate(T, *unused)
+        line_chi = self.lines.accumulate(T, *unused)
+        information = information * self._efficiency(point_chi, line_chi)[:, None, None]
+        return Motions(T, information, point_chi, line_chi, np.sqrt(self.flow_scale2),
                        float(np.sqrt(self.depth_scale2)), self.points.refined_uv_b(T),
                        self.points.rho, self.points.common_offset(T, group=0),
                        self.lines.refined_endpoints_b(T))
+
+    def _efficiency(self, point_chi: Array, line_chi: Array) -> Array:
+        """(G,) what the information must be multiplied by, from all residuals."""
+        m, config = self.points.m, self.points.config
+        rows = np.r_[np.where(self.points.known_b, 3.0, 2.0), np.full(len(line_chi), 2.0)]
+        return efficiency(np.r_[point_chi, line_chi] ** 2, rows,
+                          np.r_[m.group, self.lines.m.group], self.groups,
+                          config.kernel == "huber", config.kernel_width)
 
 
 def _tiles(uv_px: Array, group: Array, camera: Intrinsics) -> Array:

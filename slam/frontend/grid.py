@@ -17,6 +17,7 @@ from slam.types import FlowField
 
 GRID_KIND = 0      # PointMatches.kind of cells on the static world
 OBJECT_GRID_KIND = 1   # of the smaller cells on objects
+_STEEPEST = 0.03       # relative slope per pixel of a surface seen at a grazing angle
 
 
 def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, group_b: Array,
@@ -34,7 +35,8 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
     """
     valid = np.zeros((0, 0), np.bool_) if flow.valid is None else flow.valid
     arguments = (np.ascontiguousarray(flow.flow_px, dtype=np.float32), valid, rho_a, rho_b,
-                 group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma)
+                 group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma,
+                 4.0 * depth_scale * noise.inverse_depth_sigma)
     static, _ = _cell_sums(config.static_cell_px, True, *arguments)
     objects, group = _cell_sums(config.object_cell_px, False, *arguments)
     variance = (depth_scale * noise.inverse_depth_sigma) ** 2
@@ -47,7 +49,7 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
 @numba.njit(cache=True, nogil=True)
 def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Array, rho_b: Array,
                group_a: Array, group_b: Array, max_change: float,
-               max_noise: float) -> tuple[Array, Array]:
+               max_noise: float, noise: float) -> tuple[Array, Array]:
     """Sums over the usable pixels of each cell, and each cell's group.
 
     A cell belongs to the group of its middle pixel; cells of the static world, or all others.
@@ -80,7 +82,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
                     if group_b[to_v, to_u] != own:
                         continue
-                    seen = rho_b[to_v, to_u]
+                    seen = _between_pixels(rho_b, group_b, there_u, there_v, rho_b[to_v, to_u],
+                                           -np.inf if static else noise)
                     if seen > 0.0:
                         # Wide enough for the noise: a gate that cuts its tail biases the mean.
                         if abs(seen - here) > max_change * here + max_noise:
@@ -98,6 +101,32 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                 group[used] = own
                 used += 1
     return sums[:used], group[:used]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untyped-def]
+    """Inverse depth at (u, v) between four pixels of one surface; else that of the nearest.
+
+    Reading the nearest errs alike all over an object whose flow is nearly the same everywhere, by
+    up to half a pixel's slope: an error along the ray that no number of pixels averages out. The
+    static world has many slopes and flows, and edges of its own in plenty.
+
+    Args:
+        noise: pixels that differ by more, and 3 % of their inverse depth, lie on two surfaces.
+    """
+    left, top = int(np.floor(u)), int(np.floor(v))
+    if left < 0 or top < 0 or left + 1 >= rho.shape[1] or top + 1 >= rho.shape[0]:
+        return nearest
+    own, total, least, most = group[top, left], 0.0, nearest, nearest
+    for i in range(2):
+        for j in range(2):
+            here = rho[top + i, left + j]
+            if here <= 0.0 or group[top + i, left + j] != own:
+                return nearest
+            least, most = min(least, here), max(most, here)
+            across = u - left if j == 1 else 1.0 - (u - left)
+            total += here * across * (v - top if i == 1 else 1.0 - (v - top))
+    return nearest if most - least > _STEEPEST * nearest + noise else total
 
 
 def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridConfig,

@@ -11,6 +11,7 @@ from slam.config import SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
 from slam.dynamics.smooth_motion import MeasuredMotion, keep_moving
+from slam.estimation.covariance import covariance_of, object_covariance
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.systems.motion_stage import ObjectMotion, Tracked
@@ -74,22 +75,25 @@ class History:
         dt_s = max(frame.stamp_s - before.stamp_s, 1e-6)
         T_world_a = self.T_world_camera
         T_world_b = se3.orthonormalised(T_world_a @ tracked.T_a_b)
+        of_camera = covariance_of(tracked.information)
         moving: dict[int, ObjectEstimate] = {}
         still: list[int] = []
         track_of = {s.label: s.track for s in objects.of_label(frame.stamp_s).values()}
         for found in tracked.objects:
             track = track_of[found.label]
-            estimate = _object_estimate(found, T_world_a)
+            estimate = _object_estimate(found, T_world_a, tracked.T_a_b, of_camera)
             state = objects.states[track]
             is_moving = moves(found.relative, tracked.information, found.information,
                               found.points_a, dt_s, config.dynamic, np.isfinite(state.moved_s))
             velocity = None
-            if config.smooth.enabled and frame.stamp_s - before.stamp_s > _SHORTEST_S:
-                seen = T_world_a @ se3.inverse(found.relative) @ tracked.T_a_b
-                velocity = keep_moving(state.velocity, MeasuredMotion(
-                    estimate.H_world, seen, found.information, before.stamp_s, frame.stamp_s),
+            if (config.smooth.enabled and estimate.covariance is not None
+                    and frame.stamp_s - before.stamp_s > _SHORTEST_S):
+                velocity = keep_moving(
+                    state.velocity, MeasuredMotion(estimate.H_world, estimate.covariance,
+                                                   before.stamp_s, frame.stamp_s),
                     estimate.centroid_world, config.smooth)
-                estimate = replace(estimate, H_world=velocity.motion(dt_s))
+                H_world, covariance = velocity.motion(dt_s)
+                estimate = replace(estimate, H_world=H_world, covariance=covariance)
             trusted = found.rigidity >= config.dynamic.trusted_rigidity
             if objects.judged(track, is_moving, frame.stamp_s,
                               estimate.H_world if trusted else None, dt_s, velocity):
@@ -100,12 +104,14 @@ class History:
             objects.forget_motion(track_of[label])
         if frame.stamp_s - before.stamp_s > _SHORTEST_S:       # broken stamps tell no velocity
             self._velocity, self._last_dt_s = se3.log(tracked.T_a_b) / dt_s, dt_s
+        # After lost frames the step begins at a pose that was only predicted.
+        of_step = of_camera if self.lost_in_a_row == 0 else None
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
         left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)
         last = self.estimates[-1].T_world_camera
         return self.add(FrameEstimate(
             frame.index, frame.stamp_s, T_world_b, se3.inverse(last) @ T_world_b, moving,
-            Status.TRACKED, left_out, static_labels=tuple(still),
+            Status.TRACKED, left_out, static_labels=tuple(still), covariance=of_step,
             inliers={"points": tracked.inlier_points, "lines": tracked.inlier_lines}))
 
     def result(self, static_line_lengths: Array) -> SlamResult:
@@ -126,8 +132,11 @@ class History:
             static_line_tracklet_lengths=static_line_lengths)
 
 
-def _object_estimate(found: ObjectMotion, T_world_a: Array) -> ObjectEstimate:
+def _object_estimate(found: ObjectMotion, T_world_a: Array, T_a_b: Array,
+                     of_camera: Array | None) -> ObjectEstimate:
     H_world = se3.orthonormalised(T_world_a @ found.relative @ se3.inverse(T_world_a))
     points = found.points_a if len(found.points_a) else np.zeros((1, 3))
     centroid = se3.transform_points(T_world_a, points).mean(axis=0)
-    return ObjectEstimate(H_world, centroid, found.label, found.rigidity, found.inliers)
+    covariance = object_covariance(T_world_a, se3.inverse(found.relative) @ T_a_b, of_camera,
+                                   covariance_of(found.information))
+    return ObjectEstimate(H_world, centroid, found.label, found.rigidity, found.inliers, covariance)

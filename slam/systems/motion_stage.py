@@ -12,6 +12,7 @@ from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moves
 from slam.estimation.calibration import DepthOffset
+from slam.estimation.covariance import sharing
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.follow import (
@@ -153,6 +154,11 @@ class MotionStage:
         corners, slopes, corner_index = follow_points(
             features.points, _groups_of(features.points.instance_id, group_of_a), flow, a, b,
             group_b, noise)
+        if not image_flow:
+            # An object's cells hold all its depth already: counted again at its corners, it
+            # would be believed twice, and weigh too much against the flow.
+            corners = replace(corners, rho_sigma_b=np.where(corners.group > 0, np.inf,
+                                                            corners.rho_sigma_b))
         lines, line_index = no_lines(), np.zeros(0, np.int64)
         if config.segments.enabled and len(features.segments):
             lines, line_index = follow_segments(
@@ -200,6 +206,10 @@ class MotionStage:
                 matched = self._aligned(a, b, matched, rough, image_flow)
                 clock.lap("align")
         motions = self._refine(matched, starts, parked, config.motion, remember=True)
+        if align:
+            shared = sharing(matched.corners.uv_a, matched.corners.group, len(starts),
+                             2.0 * self._align.radius_px + 1.0)
+            motions = replace(motions, information=motions.information / shared[:, None, None])
         clock.lap("motion")
         return motions, matched, parked
 

@@ -20,7 +20,8 @@ def measured(T_before, T_after, k, rng=None):
     """The motion between two poses, as a pose seen by a camera at the origin errs."""
     noise = np.eye(4) if rng is None else se3.exp(SIGMA * rng.standard_normal(6))
     H = T_after @ noise @ se3.inverse(T_before)
-    return MeasuredMotion(H, T_before, np.diag(SIGMA**-2.0), k * DT_S, (k + 1) * DT_S)
+    A = se3.adjoint(T_before)
+    return MeasuredMotion(H, A @ np.diag(SIGMA**2) @ A.T, k * DT_S, (k + 1) * DT_S)
 
 
 def poses(twists):
@@ -44,7 +45,7 @@ def test_a_car_in_a_turn_is_known_better_than_from_one_motion(seed):
         motion = measured(path[k], path[k + 1], k, rng)
         velocity = keep_moving(velocity, motion, START[:3, 3], CONFIG)
         raw.append(errors(motion.H_world, path[k], path[k + 1]))
-        joined.append(errors(velocity.motion(DT_S), path[k], path[k + 1]))
+        joined.append(errors(velocity.motion(DT_S)[0], path[k], path[k + 1]))
     ratio = np.sqrt(np.mean(np.square(joined[10:]), axis=0) / np.mean(np.square(raw[10:]), axis=0))
     # What 2 m/s² and 2 rad/s² over 0.1 s leave a steady filter: 0.68 and 0.93 of such noise.
     assert ratio[0] < 0.75
@@ -56,7 +57,7 @@ def test_without_noise_the_measured_motions_come_back():
     velocity = None
     for k in range(5):
         velocity = keep_moving(velocity, measured(path[k], path[k + 1], k), START[:3, 3], CONFIG)
-        np.testing.assert_allclose(velocity.motion(DT_S) @ path[k], path[k + 1], atol=1e-9)
+        np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[k], path[k + 1], atol=1e-9)
 
 
 def test_after_a_collision_the_new_motion_stands_alone():
@@ -65,7 +66,7 @@ def test_after_a_collision_the_new_motion_stands_alone():
     velocity = None
     for k in range(9):
         velocity = keep_moving(velocity, measured(path[k], path[k + 1], k), START[:3, 3], CONFIG)
-    np.testing.assert_allclose(velocity.motion(DT_S) @ path[8], path[9], atol=1e-9)
+    np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[8], path[9], atol=1e-9)
 
 
 def test_what_was_not_seen_in_between_starts_anew():
@@ -74,12 +75,19 @@ def test_what_was_not_seen_in_between_starts_anew():
     before = keep_moving(None, measured(path[0], path[1], 0, rng), START[:3, 3], CONFIG)
     later = measured(path[3], path[4], 3, rng)
     velocity = keep_moving(before, later, path[3][:3, 3], CONFIG)
-    np.testing.assert_allclose(velocity.motion(DT_S), later.H_world, atol=1e-9)
+    np.testing.assert_allclose(velocity.motion(DT_S)[0], later.H_world, atol=1e-9)
 
 
-def test_a_motion_of_which_nothing_is_known_is_the_expected_one():
+def test_a_motion_that_is_hardly_known_is_the_expected_one():
     path = poses([TURNING_CAR] * 2)
     before = keep_moving(None, measured(path[0], path[1], 0), START[:3, 3], CONFIG)
-    blind = MeasuredMotion(np.eye(4), path[1], np.zeros((6, 6)), DT_S, 2 * DT_S)
+    blind = MeasuredMotion(np.eye(4), 1e12 * np.eye(6), DT_S, 2 * DT_S)
     velocity = keep_moving(before, blind, START[:3, 3], CONFIG)
-    np.testing.assert_allclose(velocity.motion(DT_S) @ path[1], path[2], atol=1e-3)
+    np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[1], path[2], atol=1e-3)
+
+
+def test_a_first_motion_has_the_covariance_that_was_measured():
+    path = poses([TURNING_CAR])
+    motion = measured(path[0], path[1], 0)
+    _, covariance = keep_moving(None, motion, START[:3, 3], CONFIG).motion(DT_S)
+    np.testing.assert_allclose(covariance, motion.covariance, rtol=1e-6, atol=1e-9)

@@ -26,6 +26,7 @@ def random_input(seed):
     valid = rng.random(SIZE) < 0.9 if seed % 2 else None
     rho_a = rng.uniform(0.3, 0.36, SIZE).astype(np.float32)
     rho_b = rng.uniform(0.25, 0.44, SIZE).astype(np.float32)
+    rho_b[:, 20:] = (0.3 + 0.1 * rho_b[:, 20:]).astype(np.float32)     # one surface
     rho_a[rng.random(SIZE) < 0.1] = 0.0
     rho_b[rng.random(SIZE) < 0.04] = 0.0
     blocks = np.array([0, 0, 0, 1, 2, NO_GROUP], np.uint8)
@@ -57,15 +58,30 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
                         continue
                     if rho_b[there] > 0:
                         gate = CONFIG.max_depth_change * rho_a[v, u] + 8 * NOISE.inverse_depth_sigma
-                        if abs(rho_b[there] - rho_a[v, u]) > gate:
+                        read = (rho_b[there] if static else
+                                between(rho_b, group_b, np.array([u, v]) + move, there))
+                        if abs(read - rho_a[v, u]) > gate:
                             continue
-                        seen.append(rho_b[there])
+                        seen.append(read)
                     rows.append([u, v, *move, rho_a[v, u]])
             if rows and len(rows) >= CONFIG.min_filled * cell**2:
                 mean = np.mean(rows, axis=0)
                 out.append((own, mean[:2], mean[4], mean[:2] + mean[2:4], len(rows),
                             np.mean(seen) if len(seen) > 0.9 * len(rows) else None))
     return out
+
+
+def between(rho, group, uv, nearest):
+    """Read between the four pixels around uv if they are one surface of the nearest one's group."""
+    corner = np.floor(uv).astype(int)
+    if np.any(corner < 0) or corner[0] + 2 > SIZE[1] or corner[1] + 2 > SIZE[0]:
+        return rho[nearest]
+    four = np.s_[corner[1]:corner[1] + 2, corner[0]:corner[0] + 2]
+    if (np.any(group[four] != group[nearest]) or np.any(rho[four] <= 0)
+            or np.ptp(rho[four]) > 0.03 * rho[nearest] + 4 * NOISE.inverse_depth_sigma):
+        return rho[nearest]
+    (x, y) = uv - corner
+    return np.array([1 - y, y]) @ rho[four].astype(float) @ np.array([1 - x, x])
 
 
 @given(st.integers(0, 10_000))
@@ -152,3 +168,15 @@ def test_the_mean_of_noisy_flow_is_as_good_as_it_says():
         error = (found.uv_b - found.uv_a - [0.3, -0.2])[inner]
         square.append(error**2 / found.flow_cov[inner][:, [0, 1], [0, 1]])
     assert np.mean(np.concatenate(square)) == pytest.approx(1.0, rel=0.1)
+
+
+def test_depth_between_pixels_is_that_of_the_plane():
+    """The nearest pixel's would err by half a slope, alike in every cell."""
+    flow, rho, _, group_a, group_b = uniform(flow=(0.5, -0.3), group=2)
+    plane = (0.5 + 0.002 * np.arange(SIZE[1]) + 0.001 * np.arange(SIZE[0])[:, None])
+    found = grid_matches(flow, rho, plane.astype(np.float32), group_a, group_b, CONFIG, NOISE, 0.0)
+    inside = (found.uv_b > 0).all(axis=1) & (found.uv_b < np.array(SIZE)[::-1] - 8).all(axis=1)
+    expected = 0.5 + 0.002 * found.uv_b[:, 0] + 0.001 * found.uv_b[:, 1]
+    inside &= found.uv_b[:, 1] > 8          # the topmost cells lose their first row
+    assert inside.sum() > 10
+    assert_allclose(found.rho_b[inside], expected[inside], atol=1e-6)
