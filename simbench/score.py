@@ -126,7 +126,9 @@ def _batch_blocks(camera: CameraEstimates, motions: ObjectMotions, online_owner:
     motions = replace(motions, stands_on=stands_on)
     errors = object_errors(motions, owner, camera, truth, exact)
     return {"camera_batch": camera_metrics(camera, truth, exact),
-            "objects_batch": object_metrics(errors, motions, owner, truth, exact)}
+            "objects_batch": object_metrics(errors, motions, owner, truth, exact),
+            "consistency_batch": consistency_metrics(
+                camera, camera_step_errors(camera, truth), motions, errors, truth)}
 
 
 def truncated(truth: Trajectories, count: int) -> Trajectories:

@@ -141,7 +141,8 @@ class ObjectEstimate:
     instance_id: int               # the mask label on which the track stands in THIS frame
     rigidity: float = 1.0          # share of the object's features that move as one body
     inliers: int = 0
-    covariance: Array | None = None   # (6, 6) of Ĥ Exp(ξ), [ω, v], where asked for
+    # (6, 6) of Ĥ Exp(ξ), [ω, v], the camera's pose at k−1 given; None where not known.
+    covariance: Array | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, H_world=(4, 4), centroid_world=(3,), covariance=(6, 6))
@@ -165,6 +166,8 @@ class FrameEstimate:
     static_labels: tuple[int, ...] = ()   # mask labels judged not to move
     covariance: Array | None = None       # (6, 6) of T_previous_camera Exp(ξ), where asked for
     judged: Judged | None = None          # of systems that leave out dynamic features
+    # (6, 6) of T_previous_camera Exp(ξ), [ω, v]; None where not known.
+    covariance: Array | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self, T_world_camera=(4, 4), T_previous_camera=(4, 4), covariance=(6, 6))
@@ -177,9 +180,11 @@ class ObjectTrack:
     frames: Array            # (M,) int: index of the frame k each motion ends in
     H_world: Array           # (M, 4, 4)
     centroid_world: Array    # (M, 3) at frame k-1
+    covariance: Array | None = None   # (M, 6, 6) of H_world Exp(ξ), as ObjectEstimate's; NaN: none
 
     def __post_init__(self) -> None:
-        freeze_fields(self, frames=("M",), H_world=("M", 4, 4), centroid_world=("M", 3))
+        freeze_fields(self, frames=("M",), H_world=("M", 4, 4), centroid_world=("M", 3),
+                      covariance=("M", 6, 6))
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +199,9 @@ class SlamResult:
     lines_world: Array | None = None    # (L, 2, 3) static map segments
     static_line_tracklet_lengths: Array | None = None   # (T,) frames each static line lived
     timings_ms: Mapping[str, float] = field(default_factory=dict)   # of `finish` itself
+    step_covariance: Array | None = None   # (K, 6, 6) of X_{k-1}⁻¹ X_k Exp(ξ), [ω, v]; NaN: none
 
     def __post_init__(self) -> None:
         freeze_fields(self, stamps_s=("K",), T_world_camera=("K", 4, 4), points_world=("P", 3),
-                      lines_world=("L", 2, 3), static_line_tracklet_lengths=("T",))
+                      lines_world=("L", 2, 3), static_line_tracklet_lengths=("T",),
+                      step_covariance=("K", 6, 6))

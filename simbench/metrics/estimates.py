@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,7 +112,12 @@ def batch_camera(result: SlamResult, stamps_s: Array) -> CameraEstimates:
     known = np.zeros(len(stamps_s), dtype=bool)
     T[frame] = result.T_world_camera
     known[frame] = [status is not Status.LOST for status in result.status]
-    return camera_from_poses(T, known)
+    camera = camera_from_poses(T, known)
+    if result.step_covariance is None:
+        return camera
+    covariance = np.full((len(stamps_s), 6, 6), np.nan)
+    covariance[frame] = result.step_covariance
+    return replace(camera, step_covariance=covariance)
 
 
 def frames_of_stamps(stamps_s: Array, wanted_s: Array, tolerance_s: float) -> Array:
@@ -130,11 +135,14 @@ def batch_motions(result: SlamResult, camera: CameraEstimates) -> ObjectMotions:
                       [len(t.frames) for _, t in tracks])
     H = np.concatenate([np.zeros((0, 4, 4))] + [t.H_world for _, t in tracks])
     centroid = np.concatenate([np.zeros((0, 3))] + [t.centroid_world for _, t in tracks])
-    return motions_of_rows(frame, track, H, centroid, camera)
+    unknown = [np.full((len(t.frames), 6, 6), np.nan) if t.covariance is None else t.covariance
+               for _, t in tracks]
+    covariance = np.concatenate([np.zeros((0, 6, 6)), *unknown])
+    return motions_of_rows(frame, track, H, centroid, camera, covariance)
 
 
 def motions_of_rows(frame: Array, track: Array, H_world: Array, centroid_world: Array,
-                    camera: CameraEstimates) -> ObjectMotions:
+                    camera: CameraEstimates, covariance: Array | None = None) -> ObjectMotions:
     """Rows of any order as object motions, those left out that begin before frame 0, or end
     beyond the last frame, or have no camera pose to be seen from."""
     inside = (frame >= 1) & (frame < len(camera.pose_known))
@@ -143,7 +151,8 @@ def motions_of_rows(frame: Array, track: Array, H_world: Array, centroid_world: 
     rows = rows[np.lexsort((track[rows], frame[rows]))]
     return ObjectMotions(frame[rows], track[rows], H_world[rows], centroid_world[rows],
                          camera.T_world_camera[frame[rows] - 1],
-                         np.full(len(rows), NO_OBJECT, dtype=np.int64))
+                         np.full(len(rows), NO_OBJECT, dtype=np.int64),
+                         None if covariance is None else covariance[rows])
 
 
 def stacked(transforms: Sequence[Array]) -> Array:

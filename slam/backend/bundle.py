@@ -14,6 +14,7 @@ import numpy as np
 
 from slam.backend.config import BundleConfig
 from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily, Room
+from slam.backend.pose_covariance import step_covariances
 from slam.backend.pose_system import add_steps, quadratic, solve_poses
 from slam.factors import odometry_terms
 from slam.geometry.arrays import Array
@@ -66,6 +67,7 @@ class BundleResult:
     objective: float         # both with the noise measured last
     uv_scale: float          # measured over assumed standard deviation of the points' pixels
     rho_scale: float         # and of their inverse depths
+    step_covariance: Array | None = None   # (F, 6, 6) of the steps between poses, where asked for
 
 
 def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera: Intrinsics,
@@ -99,7 +101,9 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
     problem.take_over()
     return BundleResult(*state, problem.points.now.chi2, problem.lines.now.chi2, before, after,
                         float(np.sqrt(problem.points.uv_scale2)),
-                        float(np.sqrt(problem.points.rho_scale2)))
+                        float(np.sqrt(problem.points.rho_scale2)),
+                        step_covariances(problem.reduced(0.0)[0], state.T_body_camera)
+                        if config.covariances else None)
 
 
 def levenberg_marquardt(problem: Problem, state: State, config: BundleConfig,

@@ -32,6 +32,7 @@ class BundleConfig:
     misfit_chi2: float = 5.0          # a landmark with most sightings above is left out (χ²₃)
     min_sightings: int = 2            # fewer: a landmark ties nothing together
     max_sightings: int = 60           # of a landmark in the global batch; time is their square
+    covariances: bool = False         # state those of the steps and motions that come out
 
 
 @dataclass(frozen=True, slots=True)

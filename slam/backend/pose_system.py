@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from functools import cache
+from typing import cast
 
 import numba
 import numpy as np
@@ -100,14 +102,18 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
+def one_thread() -> AbstractContextManager[object]:
+    """BLAS on one thread: how a factorisation is cut up among threads changes its last bits."""
+    return cast(AbstractContextManager[object], _threads().limit(limits=1))
+
+
 def solve_poses(S: Array, g: Array, damping: float) -> Array | None:
     """Pose steps (F, 6) of S x = −g, damped; None if the system is not positive definite."""
     ab, step = _banded(S, damping), -g.reshape(-1)
     if len(step) <= _SMALL_SYSTEM:
         solved = _solve_small(ab, step)
         return step.reshape(-1, 6) if solved and np.isfinite(step).all() else None
-    # One thread: how a factorisation is cut up among threads changes its last bits.
-    with _threads().limit(limits=1):
+    with one_thread():
         try:
             step = cho_solve_banded((cholesky_banded(ab, lower=True), True), step)
         except (LinAlgError, ValueError):

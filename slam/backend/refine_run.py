@@ -10,6 +10,7 @@ import numpy as np
 
 from slam.backend.bundle import BodyPath, BundleResult, bundle
 from slam.backend.config import BundleConfig
+from slam.estimation.covariance import moved_covariance
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.map import (
@@ -39,8 +40,39 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
     if STATIC not in bodies:
         return tracked
     made = _run_of(record, tracked, {n: b.T_body_camera for n, b in bodies.items()})
+    if config.covariances:
+        made = _with_covariances(made, record, bodies)
     timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
     return replace(made, points_world=bodies[STATIC].xyz_body, timings_ms=timings)
+
+
+def _with_covariances(run: SlamResult, record: MapRecord, bodies: dict[int, BundleResult]
+                      ) -> SlamResult:
+    """The run with the covariances of its steps and motions."""
+    X, rows = run.T_world_camera, np.array(record.bodies[STATIC].frames)
+    of_camera = np.full((len(X), 6, 6), np.nan)
+    if bodies[STATIC].step_covariance is None:
+        return run
+    in_a_row = np.flatnonzero(np.diff(rows) == 1) + 1        # over a lost frame it is no step
+    of_camera[rows[in_a_row]] = bodies[STATIC].step_covariance[in_a_row]
+    objects = dict(run.objects)
+    row_of = {index: row for row, index in enumerate(record.indices)}
+    for number, body in bodies.items():
+        if number == STATIC or body.step_covariance is None:
+            continue
+        track = objects[record.bodies[number].track]
+        P = (np.full((len(track.frames), 6, 6), np.nan) if track.covariance is None
+             else np.array(track.covariance))
+        at = {row: i for i, row in enumerate(record.bodies[number].frames)}
+        for m, index in enumerate(track.frames.tolist()):
+            row = row_of[index]
+            i = at.get(row, 0)
+            if i > 0:
+                Y_before, Y = body.T_body_camera[i - 1: i + 1]
+                P[m] = moved_covariance(X[row - 1] @ se3.inverse(Y_before) @ Y,
+                                        of_camera[row] + body.step_covariance[i])
+        objects[record.bodies[number].track] = replace(track, covariance=P)
+    return replace(run, objects=objects, step_covariance=of_camera)
 
 
 def run_of_record(record: MapRecord, tracked: SlamResult) -> SlamResult:

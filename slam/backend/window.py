@@ -14,6 +14,7 @@ import numpy as np
 from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State, levenberg_marquardt
 from slam.backend.config import BundleConfig, WindowConfig
 from slam.backend.families import Family, Room
+from slam.backend.pose_covariance import step_covariances
 from slam.backend.refine_run import filled_in
 from slam.geometry.arrays import Array
 from slam.map import (
@@ -127,9 +128,11 @@ class SlidingWindow:
         self.bundle = replace(bundle, iterations=config.iterations)
         self.points = _Seen(record.points, 3, 3, config)
         self.lines = _Seen(record.lines, 4, 4, config)
+        self.step_covariance: dict[int, Array] = {}     # body -> (6, 6) of its newest step
 
     def advance(self, row: int, bodies: list[int]) -> None:
         """Take in a frame that is in the record already, and refine the bodies seen in it."""
+        self.step_covariance = {}
         self.points.take_in(row, self.bundle.min_sightings)
         self.lines.take_in(row, self.bundle.min_sightings)
         for body in bodies:
@@ -160,6 +163,11 @@ class SlidingWindow:
         if not all(np.isfinite(part).all() for part in state):
             return
         body.poses[window] = list(state.T_body_camera)
+        if self.bundle.covariances:
+            S, _ = problem.reduced(0.0)
+            newest = step_covariances(S, state.T_body_camera)[-1]
+            if np.isfinite(newest).all():
+                self.step_covariance[number] = newest
         leaves = len(rows) == self.config.frames
         for (seen, family), own in zip(self._sides(problem), (points, lines), strict=True):
             seen.keep(number, family, own, leaves)

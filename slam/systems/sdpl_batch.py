@@ -15,6 +15,7 @@ from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
 from slam.config import SdplConfig
+from slam.estimation.covariance import object_covariance
 from slam.frontend.flow import FlowEstimator
 from slam.frontend.observe import Observation
 from slam.geometry import se3
@@ -91,17 +92,22 @@ class SdplBatch:
         if len(bodies[STATIC].poses) < 2 or estimate.status is not Status.TRACKED:
             return replace(estimate, T_world_camera=X)
         X_before = bodies[STATIC].poses[-2]
+        of_steps = self._window.step_covariance
         objects = {}
         for track, motion in estimate.objects.items():
-            Y_before, Y = bodies[self._body_of_track[track]].poses[-2:]
+            number = self._body_of_track[track]
+            Y_before, Y = bodies[number].poses[-2:]
             # H = L_k L_{k−1}⁻¹ with L = X Y⁻¹.
             H = se3.orthonormalised(X @ se3.inverse(Y) @ Y_before @ se3.inverse(X_before))
             self.tracker.objects.correct(track, H)
             objects[track] = replace(motion, H_world=H, centroid_world=se3.transform_points(
-                S, motion.centroid_world[None])[0])
+                S, motion.centroid_world[None])[0], covariance=object_covariance(
+                    X_before, se3.inverse(Y_before) @ Y, of_steps.get(STATIC),
+                    of_steps.get(number)))
         step = se3.inverse(X_before) @ X
         self.tracker.history.correct(step)
-        return replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects)
+        return replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects,
+                       covariance=of_steps.get(STATIC))
 
     def finish(self) -> SlamResult:
         """The run after the global batch."""
