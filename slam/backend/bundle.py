@@ -25,7 +25,7 @@ from slam.types import Intrinsics
 __all__ = ["BodyPath", "BundleResult", "LandmarkPrior", "Problem", "State", "bundle",
            "levenberg_marquardt", "no_line_prior", "no_prior"]
 
-_UNKNOWN_STEP = np.diag([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])   # 0.5 rad, 1 m: keeps gaps solvable
+UNKNOWN_STEP = np.diag([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])   # 0.5 rad, 1 m: keeps gaps solvable
 _NO_LINES = np.zeros((0, 10))
 
 
@@ -158,7 +158,7 @@ class Problem:
         self.information = np.array(path.information[1:])
         unknown = ~np.isfinite(self.information).all(axis=(1, 2)) | (
             np.einsum("fii->f", self.information) <= 0)
-        self.information[unknown] = _UNKNOWN_STEP
+        self.information[unknown] = UNKNOWN_STEP
         T = path.T_body_camera
         self._terms = self._trial_terms = odometry_terms(T[:-1], T[1:], self.steps)
         self._room = np.empty((len(self.steps), 6))

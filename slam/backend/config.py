@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,21 @@ class WindowConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ChainConfig:
+    """The paper's own formulation of the global batch: what its soft ties are worth."""
+
+    line_form: Literal["well_conditioned", "paper"] = "well_conditioned"   # of eq. (5) and (6)
+    motion_sigma_m: float = 0.001     # of a moved point or line: what rigidity leaves unexplained
+    direction_sigma: float = 1e-4     # of 1 − cos of two directions, as printed: 0.8°
+    smooth_rad: float = 0.02          # change of an object's motion from one frame to the next
+    smooth_m: float = 0.02            # the same of its centroid's step
+    kernel_width: float = 3.0         # of Cauchy's kernel, in standard deviations
+
+
+@dataclass(frozen=True, slots=True)
 class BackendConfig:
+    formulation: Literal["object_centric", "paper"] = "object_centric"   # of the global batch
+    chain: ChainConfig = field(default_factory=ChainConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
     window: WindowConfig = field(default_factory=WindowConfig)
     bundle: BundleConfig = field(default_factory=BundleConfig)

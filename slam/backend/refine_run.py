@@ -75,6 +75,14 @@ def _with_covariances(run: SlamResult, record: MapRecord, bodies: dict[int, Bund
     return replace(run, objects=objects, step_covariance=of_camera)
 
 
+def with_paths(record: MapRecord, tracked: SlamResult, paths: dict[int, Array],
+               points_world: Array, seconds: float) -> SlamResult:
+    """The run after a batch of other making: T_body_camera (F, 4, 4) of each body, static points."""
+    made = _run_of(record, tracked, paths)
+    return replace(made, points_world=points_world,
+                   timings_ms=dict(tracked.timings_ms) | {"global batch": 1e3 * seconds})
+
+
 def run_of_record(record: MapRecord, tracked: SlamResult) -> SlamResult:
     """The run's result with poses and object motions as the record has them."""
     paths = {number: np.array(body.poses) for number, body in record.bodies.items()
@@ -148,13 +156,13 @@ def fill_first(landmark, covariance):  # type: ignore[no-untyped-def]
 def refine_body(body: BodyRecord, number: int, record: MapRecord, camera: Intrinsics,
                 config: BundleConfig) -> BundleResult:
     """One body's bundle adjustment."""
-    xyz, sightings = _of_body(record.points, body, number, config)
-    lines, line_sightings = _of_body(record.lines, body, number, config)
+    xyz, sightings = of_body(record.points, body, number, config)
+    lines, line_sightings = of_body(record.lines, body, number, config)
     path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information))
     return bundle(path, xyz, sightings, camera, config, lines, line_sightings)
 
 
-def _of_body(features: Features[Landmarks, Observations], body: BodyRecord, number: int,
+def of_body(features: Features[Landmarks, Observations], body: BodyRecord, number: int,
              config: BundleConfig) -> tuple[Array, Observations]:
     """Where a body's landmarks start, and their sightings by row of them and of the path."""
     landmarks, s = features.landmarks(), features.observations()

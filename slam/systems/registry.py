@@ -56,6 +56,8 @@ PRESETS: Mapping[str, Preset] = {
         replace(_BATCH, anchors=replace(_BATCH.anchors, object_count=0, object_lines=0))),
     "sdpl-partial": Preset("sdpl and the partial batch alone", _SDPL,
                            BackendConfig(global_batch=False)),
+    "sdpl-paper-batch": Preset("sdpl-batch with the global batch in the paper's own formulation",
+                               _SDPL, BackendConfig(formulation="paper")),
     "dpl": Preset("DPL-SLAM: ORB points and LBD lines, dynamic ones removed, keyframes",
                   _DPL),
     "orb": Preset("dpl without lines and without removing anything: the static baseline",

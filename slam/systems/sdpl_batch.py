@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from slam.backend.anchors import PointAnchors
+from slam.backend.chained import refine_chained
 from slam.backend.config import BackendConfig
 from slam.backend.frame_bodies import frame_bodies
 from slam.backend.line_anchors import LineAnchors
@@ -114,6 +115,9 @@ class SdplBatch:
         tracked = self.tracker.finish()
         if not self.backend.global_batch:
             return run_of_record(self.record, tracked)
+        if self.backend.formulation == "paper":
+            return refine_chained(self.record, tracked, self.intrinsics, self.backend.bundle,
+                                  self.backend.chain)
         return refine_run(self.record, tracked, self.intrinsics, self.backend.bundle)
 
     def _record(self, row: int, current: Observation, estimate: FrameEstimate) -> None:

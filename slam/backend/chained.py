@@ -1,0 +1,255 @@
+"""The global batch in the paper's own formulation, eq. (5) and (6).
+
+Variables: the camera's pose in each frame, the motion H of each object to each frame, static
+points and lines once, dynamic points and lines once in every frame. Factors: 3D measurement of
+points and lines, odometry, motion of points and lines, smooth motion of objects. Landmarks are
+eliminated along their chains, then each object's motions; the camera's poses are what is left.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+
+from slam.backend.bundle import UNKNOWN_STEP
+from slam.backend.chain_families import (
+    Chains,
+    LineChains,
+    PointChains,
+    identity_motions,
+    motions_of,
+)
+from slam.backend.config import BundleConfig, ChainConfig
+from slam.backend.pose_system import one_thread
+from slam.backend.refine_run import of_body, with_paths
+from slam.factors import PairTerms, odometry_terms, smooth_motion_terms
+from slam.geometry import se3
+from slam.geometry.arrays import Array
+from slam.map import STATIC, BodyRecord, MapRecord
+from slam.types import Intrinsics, SlamResult
+
+_SMALLEST_RATIO = 1e-3     # noise-free input must not make the system singular
+
+
+class State(NamedTuple):
+    X: Array                     # (F, 4, 4) T_world_camera
+    H: tuple[Array, ...]         # of each body (f, 4, 4)
+    place: tuple[tuple[Array, ...], ...]   # of each body, its points' and its lines' nodes
+
+
+class _Body:
+    """One body's chains, in the numbering of its own frames."""
+
+    def __init__(self, body: BodyRecord, number: int, record: MapRecord, camera: Intrinsics,
+                 bundle: BundleConfig, config: ChainConfig) -> None:
+        self.moving, self.config = number != STATIC, config
+        self.at = np.searchsorted(record.bodies[STATIC].frames, body.frames)
+        X = np.array(record.bodies[STATIC].poses)[self.at]
+        self.T_world_body = X @ se3.inverse(np.array(body.poses))
+        self.H = motions_of(self.T_world_body) if self.moving else identity_motions(len(self.at))
+        self.centroid = self.T_world_body[:, :3, 3]
+        points, s = of_body(record.points, body, number, bundle)
+        lines, line_s = of_body(record.lines, body, number, bundle)
+        self.families: list[Chains] = [
+            PointChains(s, len(points), self.moving, camera, config),
+            LineChains(line_s, len(lines), self.moving, camera, config)]
+        place = [family.place(landmarks, self.T_world_body)
+                 for family, landmarks in zip(self.families, (points, lines), strict=True)]
+        self.place = tuple(place)
+
+    def smooth(self, H: Array) -> PairTerms:
+        """Change between successive motions, whitened."""
+        t = smooth_motion_terms(H[1:-1], H[2:], self.centroid[:-2], self.centroid[1:-1])
+        w = np.repeat([1.0 / self.config.smooth_rad, 1.0 / self.config.smooth_m], 3)
+        return PairTerms(w * t.r, w[:, None] * t.J_first, w[:, None] * t.J_second)
+
+    def cost(self, X: Array, H: Array, place: tuple[Array, ...]) -> float:
+        own = sum(f.cost(X[self.at], H, p) for f, p in zip(self.families, place, strict=True))
+        return own + self._smooth_cost(H)
+
+    def linearise(self, X: Array, H: Array, place: tuple[Array, ...]) -> float:
+        own = sum(f.linearise(X[self.at], H, p) for f, p in zip(self.families, place, strict=True))
+        self._smooth = self.smooth(H) if self.moving else None
+        return own + self._smooth_cost(H)
+
+    def _smooth_cost(self, H: Array) -> float:
+        return float(np.sum(self.smooth(H).r ** 2)) if self.moving else 0.0
+
+    def reduced(self, damping: float) -> tuple[Array, Array]:
+        """What this body's chains, and then its motions, leave of its cameras: (6f, 6f), (6f,)."""
+        f = len(self.at)
+        S, g = np.zeros((12 * f, 12 * f)), np.zeros(12 * f)
+        for family in self.families:
+            family.add(damping, S, g)
+        if not self.moving:
+            return S[:6 * f, :6 * f], g[:6 * f]
+        assert self._smooth is not None
+        _add_pairs(self._smooth, np.arange(f + 1, 2 * f - 1), S, g)
+        # No motion leads to the first frame.
+        cameras, motions = slice(0, 6 * f), slice(6 * f + 6, 12 * f)
+        K = S[motions, motions]
+        # What nothing tells of a motion stays as it is.
+        K[np.diag_indices_from(K)] += damping * np.diag(K) + 1e-6
+        factor = np.linalg.cholesky(K)
+        W = solve_triangular(factor, np.c_[S[motions, cameras], g[motions]], lower=True)
+        self._eliminated = factor, W
+        return (S[cameras, cameras] - W[:, :-1].T @ W[:, :-1],
+                g[cameras] - W[:, :-1].T @ W[:, -1])
+
+    def steps(self, poses: Array) -> tuple[Array, list[Array]]:
+        """Steps of the motions (f, 6) and of the nodes, from those of all cameras (F, 6)."""
+        f = len(self.at)
+        steps = np.zeros((2 * f, 6))
+        steps[:f] = poses[self.at]
+        if self.moving:
+            factor, W = self._eliminated
+            right = -W[:, -1] - W[:, :-1] @ steps[:f].reshape(-1)
+            steps[f + 1:] = solve_triangular(factor.T, right, lower=False).reshape(-1, 6)
+        return steps[f:], [family.steps(steps) for family in self.families]
+
+
+class ChainedProblem:
+    """All bodies of a run."""
+
+    def __init__(self, record: MapRecord, camera: Intrinsics, bundle: BundleConfig,
+                 config: ChainConfig) -> None:
+        static = record.bodies[STATIC]
+        self.numbers = [n for n, body in record.bodies.items() if len(body.frames) > 1]
+        self.bodies = [_Body(record.bodies[n], n, record, camera, bundle, config)
+                       for n in self.numbers]
+        self.begin = State(np.array(static.poses), tuple(b.H for b in self.bodies),
+                           tuple(b.place for b in self.bodies))
+        self._odometry = np.array(static.steps[1:])
+        information = np.array(static.information[1:])
+        unknown = ~np.isfinite(information).all(axis=(1, 2)) | (
+            np.einsum("fii->f", information) <= 0)
+        information[unknown] = UNKNOWN_STEP
+        self._root = np.swapaxes(np.linalg.cholesky(information), 1, 2)
+
+    def _steps_of(self, X: Array) -> PairTerms:
+        t = odometry_terms(X[:-1], X[1:], self._odometry)
+        return PairTerms((self._root @ t.r[:, :, None])[:, :, 0], self._root @ t.J_first,
+                         self._root @ t.J_second)
+
+    def objective(self, state: State) -> float:
+        """What all factors cost."""
+        return float(np.sum(self._steps_of(state.X).r ** 2)) + sum(
+            b.cost(state.X, H, place)
+            for b, H, place in zip(self.bodies, state.H, state.place, strict=True))
+
+    def linearise(self, state: State) -> float:
+        """Take a new point of linearisation; the objective there."""
+        self._pairs = self._steps_of(state.X)
+        return float(np.sum(self._pairs.r**2)) + sum(
+            b.linearise(state.X, H, place)
+            for b, H, place in zip(self.bodies, state.H, state.place, strict=True))
+
+    def step(self, state: State, damping: float) -> State | None:
+        """The state one damped step on; None where the system is singular."""
+        F = len(state.X)
+        S, g = np.zeros((6 * F, 6 * F)), np.zeros(6 * F)
+        _add_pairs(self._pairs, np.arange(F - 1), S, g)
+        try:
+            with one_thread():
+                for body in self.bodies:
+                    own, gradient = body.reduced(damping)
+                    at = (6 * body.at[:, None] + np.arange(6)).reshape(-1)
+                    S[np.ix_(at, at)] += own
+                    g[at] += gradient
+                S[np.diag_indices_from(S)] += damping * np.abs(np.diag(S)) + 1e-12
+                poses = np.zeros((F, 6))                    # the first pose stays
+                poses[1:] = -cho_solve(cho_factor(S[6:, 6:], lower=True), g[6:]).reshape(-1, 6)
+                found = [body.steps(poses) for body in self.bodies]
+        except (LinAlgError, np.linalg.LinAlgError, ValueError):
+            return None
+        return State(
+            se3.orthonormalised(state.X @ se3.exp(poses)),
+            tuple(se3.orthonormalised(H @ se3.exp(step))
+                  for H, (step, _) in zip(state.H, found, strict=True)),
+            tuple(tuple(family.moved(p, d) for family, p, d in
+                        zip(b.families, place, steps, strict=True))
+                  for b, place, (_, steps) in zip(self.bodies, state.place, found, strict=True)))
+
+
+    def settle(self, state: State, config: BundleConfig) -> None:
+        """Measure the noise on the static world, and leave out what does not fit.
+
+        A node of its own in every frame takes up what is measured there: of dynamic landmarks it
+        is asked whether they fit the rigid body that they begin with.
+        """
+        static = self.numbers.index(STATIC)
+        ratios = [family.noise(state.X, place) for family, place in
+                  zip(self.bodies[static].families, state.place[static], strict=True)]
+        for i, body in enumerate(self.bodies):
+            at = state if i == static else self.begin
+            for family, place, (uv, rho) in zip(body.families, at.place[i], ratios, strict=True):
+                family.scale_noise(max(uv, _SMALLEST_RATIO), max(rho, _SMALLEST_RATIO))
+                family.drop_misfits(at.X[body.at], place, config.misfit_chi2)
+
+
+def solve(problem: ChainedProblem, config: BundleConfig) -> tuple[State, float, float]:
+    """The state, and the objective of where the problem began and of it, by the noise found last.
+
+    The objective never ends above where it began.
+    """
+    state = problem.begin
+    for _ in range(config.rounds):
+        state = _descend(problem, state, config)
+        problem.settle(state, config)
+    state = _descend(problem, state, config)
+    before, after = problem.objective(problem.begin), problem.objective(state)
+    return (state, before, after) if after <= before else (problem.begin, before, before)
+
+
+def _descend(problem: ChainedProblem, state: State, config: BundleConfig) -> State:
+    """Damped steps; one that raises the objective, or leaves the numbers, is not taken."""
+    damping, cost = 1e-4, problem.linearise(state)
+    for _ in range(config.iterations):
+        tried = problem.step(state, damping)
+        cost_try = np.inf if tried is None else problem.objective(tried)
+        if tried is None or not cost_try < cost:
+            damping *= 30.0
+            if damping > 1e6:
+                break
+            continue
+        ended = cost - cost_try < config.tolerance * cost
+        state, cost, damping = tried, cost_try, max(damping * 0.1, 1e-9)
+        if ended:
+            break
+        problem.linearise(state)
+    return state
+
+
+def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
+                   bundle: BundleConfig, config: ChainConfig) -> SlamResult:
+    """The run's result with poses and object motions after the batch, in the paper's form.
+
+    Args:
+        tracked: the result as tracked, over the same rows.
+    """
+    start = perf_counter()
+    if len(record.bodies[STATIC].frames) < 2:
+        return tracked
+    problem = ChainedProblem(record, camera, bundle, config)
+    state, _, _ = solve(problem, bundle)
+    paths = {}
+    for number, body, H in zip(problem.numbers, problem.bodies, state.H, strict=True):
+        L = [body.T_world_body[0]]
+        for motion in H[1:]:
+            L.append(se3.orthonormalised(motion @ L[-1]))
+        paths[number] = se3.inverse(np.array(L)) @ state.X[body.at]
+    static = problem.numbers.index(STATIC)
+    return with_paths(record, tracked, paths, points_world=state.place[static][0],
+                      seconds=perf_counter() - start)
+
+
+def _add_pairs(terms: PairTerms, variable: Array, S: Array, g: Array) -> None:
+    """Add whitened residuals that tie each variable to the next one."""
+    for n, v in enumerate(variable):
+        both = slice(6 * v, 6 * v + 12)
+        J = np.c_[terms.J_first[n], terms.J_second[n]]
+        S[both, both] += J.T @ J
+        g[both] += J.T @ terms.r[n]
