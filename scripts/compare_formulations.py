@@ -14,8 +14,8 @@ import time
 from dataclasses import replace
 
 import numpy as np
-
 from benchmark_backend import FLOWS, camera_scores, object_scores
+
 from simbench.inputs import Feed
 from simbench.render import make_renderer
 from simbench.simulate import SimulatedSequence

@@ -8,6 +8,7 @@ eliminated along their chains, then each object's motions; the camera's poses ar
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from slam.geometry.arrays import Array
 from slam.map import STATIC, BodyRecord, MapRecord
 from slam.types import Intrinsics, SlamResult
 
+_LEAST_RIGIDITY = 0.1
 _SMALLEST_RATIO = 1e-3     # noise-free input must not make the system singular
 
 
@@ -45,6 +47,9 @@ class _Body:
 
     def __init__(self, body: BodyRecord, number: int, record: MapRecord, camera: Intrinsics,
                  bundle: BundleConfig, config: ChainConfig) -> None:
+        # What bends is tied the more loosely, and so pulls the cameras less.
+        rigidity = max(float(np.mean(body.rigidity)), _LEAST_RIGIDITY)
+        config = replace(config, motion_sigma_m=config.motion_sigma_m / rigidity**2)
         self.moving, self.config = number != STATIC, config
         self.at = np.searchsorted(record.bodies[STATIC].frames, body.frames)
         X = np.array(record.bodies[STATIC].poses)[self.at]

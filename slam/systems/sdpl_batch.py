@@ -141,7 +141,9 @@ class SdplBatch:
                 body = self._begin_body(track, motion.centroid_world)
             # Y_{k−1}⁻¹ Y_k with Y = L⁻¹ X and L_k = H_k L_{k−1}.
             in_body = se3.inverse(self._last_pose) @ se3.inverse(motion.H_world) @ X
-            self.record.bodies[body].add(row, in_body, by_label[motion.instance_id])
+            # Of what bends, a motion holds less than its many points claim.
+            known = motion.rigidity**2 * by_label[motion.instance_id]
+            self.record.bodies[body].add(row, in_body, known, motion.rigidity)
             current_bodies[track] = body
         poses = {body: self.record.bodies[body].poses[-1]
                  for body in (STATIC, *current_bodies.values())}

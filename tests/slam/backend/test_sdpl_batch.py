@@ -167,3 +167,41 @@ def test_runs_are_bit_equal(scene):
     one, other = run(frames[:8])[1], run(frames[:8])[1]
     assert one.T_world_camera.tobytes() == other.T_world_camera.tobytes()
     assert one.points_world.tobytes() == other.points_world.tobytes()
+
+
+def no_box_after(frame, last=9):
+    return without_masks(frame) if frame.index > last else frame
+
+
+def two_points(frame):
+    """The box's mask shrinks to two pixels."""
+    labels = np.zeros_like(frame.instance_id)
+    v, u = np.nonzero(frame.instance_id)
+    if len(v) and frame.index > 3:
+        labels[v[:2], u[:2]] = frame.instance_id[v[0], u[0]]
+        return replace(frame, instance_id=labels)
+    return frame
+
+
+def lost_at_six(frame):
+    return black(without_depth(frame)) if frame.index == 6 else frame
+
+
+@pytest.mark.parametrize("spoil", [no_box_after, two_points, lost_at_six])
+@pytest.mark.parametrize("name", ["sdpl-batch", "sdpl-paper-batch"])
+def test_what_is_missing_is_said_and_leaves_the_rest_whole(scene, spoil, name):
+    """A track that ends inside the window, an object of two points, a frame lost in the middle."""
+    _, _, frames = scene
+    system = slam.make(name, frames[0].intrinsics)
+    estimates = [system.process(spoil(frame)) for frame in frames[:12]]
+    refined = system.finish()
+    for e in estimates:
+        assert np.isfinite(e.T_world_camera).all()
+        assert all(np.isfinite(m.H_world).all() for m in e.objects.values())
+    assert np.isfinite(refined.T_world_camera).all()
+    assert np.isfinite(refined.points_world).all()
+    assert all(np.isfinite(t.H_world).all() for t in refined.objects.values())
+    if spoil is two_points:
+        assert not estimates[-1].objects and "matches" in estimates[5].reason
+    if spoil is lost_at_six:
+        assert estimates[6].status is Status.LOST and estimates[6].reason

@@ -17,17 +17,22 @@ from slam.systems import sdpl
 TESTS = Path(__file__).resolve().parents[2]
 
 
-def digest(frames) -> str:
+def digest(frames, name="sdpl") -> str:
     """SHA-256 of all that a run estimates and of the features it shows."""
-    system = slam.make("sdpl", frames[0].intrinsics)
+    system = slam.make(name, frames[0].intrinsics)
     found = hashlib.sha256()
     for frame in frames:
         e = system.process(frame)
         parts = [e.T_world_camera, e.T_previous_camera, e.points.uv_px, e.points.track_id,
                  e.segments.endpoints_px, e.segments.depth_m]
         parts += [m.H_world for m in e.objects.values()]
+        parts += [P for P in (e.covariance, *(m.covariance for m in e.objects.values()))
+                  if P is not None]
         for part in parts:
             found.update(np.ascontiguousarray(part).tobytes())
+    result = system.finish()
+    for part in (result.T_world_camera, *(t.H_world for t in result.objects.values())):
+        found.update(np.ascontiguousarray(part).tobytes())
     return found.hexdigest()
 
 
@@ -46,7 +51,8 @@ def test_two_runs_give_equal_bytes(two_boxes):
 def test_processes_with_one_thread_and_with_two_give_equal_bytes():
     program = (f"import sys; sys.path[:0] = [{str(TESTS)!r}, {str(Path(__file__).parent)!r}]\n"
                "from test_determinism import digest, small_sequence\n"
-               "print(digest(small_sequence(False)), digest(small_sequence(True)))")
+               "print(digest(small_sequence(False)), digest(small_sequence(True)),\n"
+               "      digest(small_sequence(False), 'sdpl-paper-batch'))")
     running = [subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True,
         env=os.environ | {f"{library}_NUM_THREADS": threads
@@ -55,7 +61,8 @@ def test_processes_with_one_thread_and_with_two_give_equal_bytes():
     answers = [process.communicate()[0].split() for process in running]
     assert [process.returncode for process in running] == [0, 0]
     assert answers[0] == answers[1] == [digest(small_sequence(False)),
-                                        digest(small_sequence(True))]
+                                        digest(small_sequence(True)),
+                                        digest(small_sequence(False), "sdpl-paper-batch")]
 
 
 def test_a_failure_beside_tracking_is_raised(two_boxes, monkeypatch):
