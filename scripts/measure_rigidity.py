@@ -57,7 +57,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--frames", type=int, default=12)
     chosen = parser.parse_args()
-    print("| scene | dial | tracks | rigidity, mean | AUC | camera E_t mm |\n|---|---|---|---|---|---|")
+    print("| scene | dial | tracks | rigidity, mean | AUC | camera E_t mm |")
+    print("|---|---|---|---|---|---|")
     for scene in chosen.scenes:
         rigid: list[float] = []
         for dial in DIALS:

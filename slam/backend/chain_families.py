@@ -84,7 +84,8 @@ class Chains(ABC):
         now, before = self.after, self.after - 1
         motion = np.asarray(frames + self.node_frame[now], dtype=np.int64)
         m, h = self._measured, self._moved
-        parts = [(np.asarray(self.node, dtype=np.int64), self.frame, m.by_node, m), (now, motion, h.by_node, h)]
+        parts = [(np.asarray(self.node, dtype=np.int64), self.frame, m.by_node, m),
+                 (now, motion, h.by_node, h)]
         if h.by_before is not None:
             parts.append((before, motion, h.by_before, h))
             off[now] = np.swapaxes(h.by_node, 1, 2) @ h.by_before

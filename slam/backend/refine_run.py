@@ -77,7 +77,7 @@ def _with_covariances(run: SlamResult, record: MapRecord, bodies: dict[int, Bund
 
 def with_paths(record: MapRecord, tracked: SlamResult, paths: dict[int, Array],
                points_world: Array, seconds: float) -> SlamResult:
-    """The run after a batch of other making: T_body_camera (F, 4, 4) of each body, static points."""
+    """The run with T_body_camera (F, 4, 4) of each body, and static points, of another batch."""
     made = _run_of(record, tracked, paths)
     return replace(made, points_world=points_world,
                    timings_ms=dict(tracked.timings_ms) | {"global batch": 1e3 * seconds})
