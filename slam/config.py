@@ -89,7 +89,7 @@ class DynamicConfig:
     stay_dynamic_s: float = 1.0       # a thing that moved stays dynamic through a short stop
     min_matches: int = 8              # fewer matches on an object: its motion is not estimated
     min_inlier_share: float = 0.25    # of its matches; below it nothing moves as one body
-    max_rotation_sigma: float = 0.03  # rad a frame; what is known less well is no motion
+    max_rotation_sigma: float = 0.02  # rad a frame; what is known less well is no motion
     trusted_rigidity: float = 0.5     # only motions above it predict the next frame
     min_overlap: float = 0.3          # share of a mask that the flow must carry to its successor
     carry_s: float = 0.35             # so long a mask that is missed goes on with the flow

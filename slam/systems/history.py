@@ -75,7 +75,7 @@ class History:
         dt_s = max(frame.stamp_s - before.stamp_s, 1e-6)
         T_world_a = self.T_world_camera
         T_world_b = se3.orthonormalised(T_world_a @ tracked.T_a_b)
-        of_camera = covariance_of(tracked.information)
+        of_camera = covariance_of(tracked.information / tracked.sharing)
         moving: dict[int, ObjectEstimate] = {}
         still: list[int] = []
         track_of = {s.label: s.track for s in objects.of_label(frame.stamp_s).values()}
@@ -138,5 +138,5 @@ def _object_estimate(found: ObjectMotion, T_world_a: Array, T_a_b: Array,
     points = found.points_a if len(found.points_a) else np.zeros((1, 3))
     centroid = se3.transform_points(T_world_a, points).mean(axis=0)
     covariance = object_covariance(T_world_a, se3.inverse(found.relative) @ T_a_b, of_camera,
-                                   covariance_of(found.information))
+                                   covariance_of(found.information / found.sharing))
     return ObjectEstimate(H_world, centroid, found.label, found.rigidity, found.inliers, covariance)

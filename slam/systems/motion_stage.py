@@ -50,6 +50,7 @@ class ObjectMotion:
     points_a: Array            # (N, 3) m, in camera a
     rigidity: float
     inliers: int
+    sharing: float             # by how much the information is too bold: windows that overlap
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ class Tracked:
     inlier_points: int
     inlier_lines: int
     lost_because: str = ""
+    sharing: float = 1.0                 # as ObjectMotion's, of the camera
 
 
 @dataclass(frozen=True)
@@ -206,10 +208,6 @@ class MotionStage:
                 matched = self._aligned(a, b, matched, rough, image_flow)
                 clock.lap("align")
         motions = self._refine(matched, starts, parked, config.motion, remember=True)
-        if align:
-            shared = sharing(matched.corners.uv_a, matched.corners.group, len(starts),
-                             2.0 * self._align.radius_px + 1.0)
-            motions = replace(motions, information=motions.information / shared[:, None, None])
         clock.lap("motion")
         return motions, matched, parked
 
@@ -320,6 +318,10 @@ class MotionStage:
             corners_found = int(np.count_nonzero(static & good & (own.kind == REFINED_KIND)))
             if corners_found + 2 * still_lines < self.config.start.min_points:
                 return _lost(f"{corners_found} corners and {still_lines} lines were found again")
+        shared = np.ones(len(motions.T_a_b))
+        if image_flow and self._aligns(image_flow):
+            shared = sharing(matched.corners.uv_a, matched.corners.group, len(shared),
+                             2.0 * self._align.radius_px + 1.0)
         objects = []
         for group, label in enumerate(labels_b, start=1):
             if group in why:
@@ -338,7 +340,8 @@ class MotionStage:
             if sigma > self.config.dynamic.max_rotation_sigma:
                 why[group] = f"its rotation is known to {np.degrees(sigma):.1f}° only"
                 continue
-            objects.append(self._object(group, label, own, good, chi, motions))
+            objects.append(self._object(group, label, own, good, chi, motions,
+                                        float(shared[group])))
         corners = slice(len(matched.grid), len(own))
         alive = np.flatnonzero(good[corners])
         return Tracked(
@@ -346,10 +349,10 @@ class MotionStage:
             tuple((labels_b[g - 1], reason) for g, reason in sorted(why.items())),
             matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
             matched.line_index[lines_good], motions.refined_endpoints_b[lines_good],
-            int(np.count_nonzero(good & static)), still_lines)
+            int(np.count_nonzero(good & static)), still_lines, sharing=float(shared[0]))
 
     def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
-                motions: Motions) -> ObjectMotion:
+                motions: Motions, shared: float) -> ObjectMotion:
         members = np.flatnonzero(own.group == group)
         points = self._points_a(own, members)
         # Against the static world's noise: an object that bends is not excused by its own.
@@ -357,7 +360,7 @@ class MotionStage:
         rigid = chi[members] * max(1.0, float(excess)) < self.config.motion.point_gate
         return ObjectMotion(label, motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
                             motions.information[group], points[good[members]],
-                            float(np.mean(rigid)), int(np.count_nonzero(good[members])))
+                            float(np.mean(rigid)), int(np.count_nonzero(good[members])), shared)
 
 
 def _belief_in_rotation(information: Array) -> Array:

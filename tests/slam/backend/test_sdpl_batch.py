@@ -202,7 +202,8 @@ def test_what_is_missing_is_said_and_leaves_the_rest_whole(scene, spoil, name):
     assert np.isfinite(refined.points_world).all()
     assert all(np.isfinite(t.H_world).all() for t in refined.objects.values())
     if spoil is two_points:
-        assert not any(e.objects for e in estimates[5:])
+        # Masks that are missed are carried on for a while; then there is nothing of it.
+        assert not any(e.objects for e in estimates[9:])
     if spoil is lost_at_six:
         assert estimates[6].status is Status.LOST
         assert estimates[6].reason
