@@ -75,12 +75,9 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     film = Filmstrip(len(feed))
     shown = truth if exact else None
     flow, culling, fits = FlowErrors(shown), CullingErrors(shown), RigidFits(shown)
-    given = HashedFeed(feed)
-    observers = (film, flow, culling, fits) if report else (flow, culling, fits)
-    flow, fits = FlowErrors(truth if exact else None), RigidFits(truth if exact else None)
     given, noise = HashedFeed(feed), feed.gaussian_noise
     bounds = None if noise is None or truth is None else Bounds(truth, noise)
-    observers: list[Observer] = [flow, fits]
+    observers: list[Observer] = [flow, culling, fits]
     observers += [film] if report else []
     observers += [] if bounds is None else [bounds]
     with captured_log() as said:

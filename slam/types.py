@@ -164,7 +164,6 @@ class FrameEstimate:
     inliers: Mapping[str, int] = field(default_factory=dict)      # "points", "lines"
     timings_ms: Mapping[str, float] = field(default_factory=dict)  # stage -> milliseconds
     static_labels: tuple[int, ...] = ()   # mask labels judged not to move
-    covariance: Array | None = None       # (6, 6) of T_previous_camera Exp(ξ), where asked for
     judged: Judged | None = None          # of systems that leave out dynamic features
     # (6, 6) of T_previous_camera Exp(ξ), [ω, v]; None where not known.
     covariance: Array | None = None

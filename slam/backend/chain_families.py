@@ -10,7 +10,7 @@ import numpy as np
 from slam.backend.chains import chain_steps, reduce_chains
 from slam.backend.config import ChainConfig
 from slam.backend.linearise import whitening
-from slam.backend.settle import drop_misfits, noise_ratios
+from slam.backend.settle import noise_ratios
 from slam.factors import landmark_terms, point_motion_terms
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
@@ -127,7 +127,10 @@ class Chains(ABC):
     def drop_misfits(self, X: Array, place: Array, limit: float) -> None:
         """Leave out landmarks most of whose sightings are above a limit of χ²₃."""
         r = self._measure(X, place).r
-        drop_misfits(self.start, _chi2(r), limit * r.shape[1] / 3.0, self.whitening)
+        count = np.diff(self.start)
+        landmark = np.repeat(np.arange(len(count)), count)
+        bad = np.bincount(landmark, _chi2(r) > limit * r.shape[1] / 3.0, len(count))
+        self.whitening[(bad > 0.5 * count)[landmark]] = 0.0
 
     def steps(self, steps: Array) -> Array:
         """(N, d) steps of the nodes that go with steps (2F, 6) of the body's variables."""

@@ -51,10 +51,11 @@ def _with_covariances(run: SlamResult, record: MapRecord, bodies: dict[int, Bund
     """The run with the covariances of its steps and motions."""
     X, rows = run.T_world_camera, np.array(record.bodies[STATIC].frames)
     of_camera = np.full((len(X), 6, 6), np.nan)
-    if bodies[STATIC].step_covariance is None:
+    of_static = bodies[STATIC].step_covariance
+    if of_static is None:
         return run
     in_a_row = np.flatnonzero(np.diff(rows) == 1) + 1        # over a lost frame it is no step
-    of_camera[rows[in_a_row]] = bodies[STATIC].step_covariance[in_a_row]
+    of_camera[rows[in_a_row]] = of_static[in_a_row]
     objects = dict(run.objects)
     row_of = {index: row for row, index in enumerate(record.indices)}
     for number, body in bodies.items():
