@@ -57,13 +57,13 @@ def episode(env: ActiveCamera, policy, seed: int) -> tuple[float, float, float]:
             float(np.mean([s["tracked"] for s in scores])))
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--scene", default="SwingingBoxes-v0")
     parser.add_argument("--system", default="vdo")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     env = ActiveCamera(gymnasium.make(
         f"simbench/{chosen.scene}", frames=chosen.frames, sensor="kinect", size=(320, 240)),
         lambda intrinsics: slam.make(chosen.system, intrinsics))

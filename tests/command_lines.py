@@ -18,6 +18,9 @@ from simbench_pytest import pytest_addoption
 
 def check_command(words: tuple[str, ...]) -> None:
     """Raises AssertionError or a usage error where no such program, target or option exists."""
+    if words[0] == "for":      # for NAME in …; do COMMAND; done
+        words = words[words.index("do") + 1:words.index("done")]
+        words = (*words[:-1], words[-1].rstrip(";"))
     while words[0] in ("time", "sudo", "nice") or re.fullmatch(r"[A-Z_]+=\S*", words[0]):
         words = words[1:]
     program = Path(words[0]).name

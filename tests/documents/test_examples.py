@@ -55,6 +55,13 @@ def test_the_library_alone_tracks_a_folder(tmp_path, capsys: pytest.CaptureFixtu
     assert printed.endswith("3 poses\n")
 
 
+def test_the_policy_is_held_against_the_fixed_path(capsys: pytest.CaptureFixture[str]):
+    example("active_camera").main(["--seeds", "2", "--frames", "3"])
+    printed = capsys.readouterr().out
+    assert len(re.findall(r"^\| \d ", printed, flags=re.MULTILINE)) == 2
+    assert re.search(r"^E_t: \S+ % \[\S+, \S+\] against the fixed path$", printed, re.MULTILINE)
+
+
 def test_truth_is_drawn(tmp_path, capsys: pytest.CaptureFixture[str]):
     example("draw_truth").main(["--out", str(tmp_path / "truth.png")])
     picture = cv2.imread(str(tmp_path / "truth.png"))
