@@ -129,7 +129,7 @@ def test_a_system_that_loses_its_runs_is_shown_and_exits_with_1(suite, tmp_path,
     (["smoke", "--seeds", "x"], "wanted numbers and ranges"),
     (["smoke", "--reports", "some"], "wanted first, all or none"),
     (["smoke", "--dask", "tcp://localhost:1", "--workers", "2"], "leave it out with --dask"),
-    (["gone.yaml"], "gone.yaml: No such file"),
+    (["gone.yaml"], "gone.yaml: no such file; check the path"),
 ])
 def test_wrong_words_are_one_line_and_exit_with_2(tmp_path, capsys, options, message):
     assert main(["suite", *options, "--out", str(tmp_path / "out")]) == 2
