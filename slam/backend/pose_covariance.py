@@ -31,7 +31,7 @@ def step_covariances(S: Array, T: Array) -> Array:
         first, second, cross = own[k - 1], own[k], beside[k - 1]
         moved = A[k - 1] @ cross
         P = A[k - 1] @ first @ A[k - 1].T + moved + moved.T + second
-        if np.isfinite(P).all() and covariance_of(P) is not None:
+        if np.isfinite(covariance_of(P)).all():
             out[k] = 0.5 * (P + P.T)
     return out
 
@@ -51,7 +51,7 @@ def _inverse_near_the_diagonal(S: Array) -> tuple[Array, Array]:
     inverse = np.empty((F, 6, 6))
     for k in range(F):
         pivot = covariance_of(U[k, 0])
-        if pivot is None:
+        if not np.isfinite(pivot).all():
             return np.full((F, 6, 6), np.nan), np.full((F, 6, 6), np.nan)
         inverse[k] = pivot
         reach = min(B, F - k)

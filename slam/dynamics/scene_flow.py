@@ -2,40 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slam.config import DynamicConfig
-from slam.geometry import se3
 from slam.geometry.arrays import Array
 
 _POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
 
 
-def moves(relative: Array, information_static: Array, information_object: Array, points_a: Array,
-          dt_s: float, config: DynamicConfig, moved_before: bool = False) -> bool:
-    """Whether an object's points move in the world, beyond threshold and noise.
+def moving(relative: Array, information_static: Array, information_objects: Array,
+           points_a: Sequence[Array], dt_s: float, config: DynamicConfig,
+           moved_before: Array | None = None) -> Array:
+    """Which (G,) objects' points move in the world, beyond threshold and noise.
 
     The scene flow is that of the object's own motion (eq. 4), `relative` p − p: the scene flow of
     single measured points is mostly depth noise, that of the motion which fits them all is not.
 
     Args:
-        relative: (4, 4) motion of the object against the static world, in camera a.
-        information_static, information_object: (6, 6) of both poses T_a_b.
-        points_a: (N, 3) the object's points in camera a, m.
-        moved_before: an object known to move needs to stand out less to go on moving.
+        relative: (G, 4, 4) motions of the objects against the static world, in camera a.
+        information_static: (6, 6) of the static world's pose T_a_b.
+        information_objects: (G, 6, 6) of the objects'.
+        points_a: of each object (N, 3), its points in camera a, m.
+        moved_before: (G,) objects known to move need to stand out less to go on moving.
     """
-    if len(points_a) == 0:
-        return False
-    points_a = points_a[:: max(1, len(points_a) // _POINTS)]
-    flow_m = se3.transform_points(relative, points_a) - points_a
-    speed = np.linalg.norm(_beyond_depth_error(flow_m, points_a, config), axis=1) / dt_s
-    threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points_a[:, 2]
-    if moved_before:
-        threshold *= _HYSTERESIS
-    noise = _speed_sigma(information_static, points_a) + _speed_sigma(information_object, points_a)
-    moving = speed > np.maximum(threshold, config.significance * noise / dt_s)
-    return bool(np.mean(moving) > config.moving_share)
+    sample = [points[:: max(1, len(points) // _POINTS)] for points in points_a]
+    count = np.array([len(points) for points in sample], dtype=np.int64)
+    if count.sum() == 0:
+        return np.zeros(len(count), np.bool_)
+    of = np.repeat(np.arange(len(count)), count)
+    points = np.concatenate(sample)
+    flow_m = np.einsum("nij,nj->ni", relative[of, :3, :3], points) + relative[of, :3, 3] - points
+    speed = np.linalg.norm(_beyond_depth_error(flow_m, points, config), axis=1) / dt_s
+    threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points[:, 2]
+    if moved_before is not None:
+        threshold = np.where(moved_before[of], _HYSTERESIS, 1.0) * threshold
+    every = np.concatenate([information_static[None], information_objects])
+    noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
+    stands_out = speed > np.maximum(threshold, config.significance * noise / dt_s)
+    return np.asarray(np.bincount(of, stands_out, len(count)) > config.moving_share * count)
 
 
 def _beyond_depth_error(flow_m: Array, points_a: Array, config: DynamicConfig) -> Array:
@@ -46,9 +53,21 @@ def _beyond_depth_error(flow_m: Array, points_a: Array, config: DynamicConfig) -
     return flow_m - np.clip(along, -allowed, allowed)[:, None] * rays
 
 
-def _speed_sigma(information: Array, points: Array) -> Array:
-    """Standard deviation (N,) in m of points carried by a pose of this information."""
-    regular = information + np.eye(6) * 1e-9 * max(float(np.trace(information)), 1e-12)
-    covariance = np.linalg.inv(regular)
-    J = np.concatenate([-se3.skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
-    return np.sqrt(np.maximum(np.einsum("nij,jk,nik->n", J, covariance, J), 0.0))
+def _speed_sigma(information: Array, points: Array, of: Array) -> Array:
+    """Standard deviations (N,) in m of points p carried by poses: of ω × p + v.
+
+    Its variance is tr Σ_v + |p|² tr Σ_ω − pᵀ Σ_ω p + 2 p · E[v × ω].
+
+    Args:
+        information: (P, 6, 6) of the poses; of: (N,) which one carries each point.
+    """
+    trace = np.maximum(np.trace(information, axis1=1, axis2=2), 1e-12)
+    covariance = np.linalg.inv(information + 1e-9 * trace[:, None, None] * np.eye(6))
+    of_rotation, across = covariance[:, :3, :3], covariance[:, 3:, :3]
+    v_cross_w = np.stack([across[:, 1, 2] - across[:, 2, 1], across[:, 2, 0] - across[:, 0, 2],
+                          across[:, 0, 1] - across[:, 1, 0]], axis=1)
+    quadratic = np.trace(of_rotation, axis1=1, axis2=2)[:, None, None] * np.eye(3) - of_rotation
+    variance = (np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2)[of]
+                + np.einsum("ni,nij,nj->n", points, quadratic[of], points)
+                + 2.0 * np.sum(points * v_cross_w[of], axis=1))
+    return np.sqrt(np.maximum(variance, 0.0))

@@ -14,18 +14,23 @@ from slam.geometry.arrays import Array
 _SMALLEST_EIGENVALUE = 1e-10    # of the information scaled to a unit diagonal; below: singular
 
 
-def covariance_of(information: Array) -> Array | None:
-    """Inverse (6, 6) of an information matrix; None where it leaves a direction unknown."""
+def covariance_of(information: Array) -> Array:
+    """Inverses (..., 6, 6) of information matrices; NaN where one leaves a direction unknown."""
     information = np.asarray(information, dtype=np.float64)
-    diagonal = np.diagonal(information)
-    if not (np.isfinite(information).all() and np.all(diagonal > 0.0)):
-        return None
-    scale = 1.0 / np.sqrt(diagonal)
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    if values[0] < _SMALLEST_EIGENVALUE:
-        return None
-    half = scale[:, None] * vectors / np.sqrt(values)
-    return np.asarray(half @ half.T)
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
+    known = np.isfinite(information).all(axis=(-2, -1)) & np.all(diagonal > 0.0, axis=-1)
+    usable = np.where(known[..., None, None], information, np.eye(6))
+    scale = 1.0 / np.sqrt(np.where(known[..., None], diagonal, 1.0))
+    values, vectors = np.linalg.eigh(usable * scale[..., :, None] * scale[..., None, :])
+    known &= values[..., 0] >= _SMALLEST_EIGENVALUE
+    values = np.where(known[..., None], values, np.nan)
+    half = scale[..., :, None] * vectors / np.sqrt(values)[..., None, :]
+    return np.asarray(half @ np.swapaxes(half, -1, -2))
+
+
+def known_or_none(covariance: Array) -> Array | None:
+    """What an estimate carries of a covariance (6, 6): None where it is not known."""
+    return covariance if np.isfinite(covariance).all() else None
 
 
 def moved_covariance(T: Array, covariance: Array) -> Array:
@@ -38,21 +43,19 @@ def moved_covariance(T: Array, covariance: Array) -> Array:
     return np.asarray(A @ covariance @ np.swapaxes(A, -1, -2))
 
 
-def object_covariance(T_world_a: Array, T_a_b_object: Array, camera: Array | None,
-                      body: Array | None) -> Array | None:
-    """Covariance (6, 6) of an object's motion H Exp(ξ) in the world, the camera's pose at a given.
+def object_covariance(T_world_a: Array, T_a_b_object: Array, camera: Array,
+                      body: Array) -> Array:
+    """Covariances (..., 6, 6) of objects' motions H Exp(ξ) in the world, camera a given.
 
     H = X_a T_a_b(camera) T_a_b(object)⁻¹ X_a⁻¹: both poses err, by independent features, and both
     errors stand in camera b.
 
     Args:
         T_world_a: (4, 4) of the camera before; what is unknown of it is not in this covariance.
-        T_a_b_object: (4, 4) the camera's pose b in a as the object sees it.
-        camera, body: (6, 6) covariances of T_a_b as the static world and the object see it;
-            None where unknown.
+        T_a_b_object: (..., 4, 4) the camera's pose b in a as the object sees it.
+        camera: (6, 6) covariance of T_a_b as the static world sees it.
+        body: (..., 6, 6) the same as each object sees it.
     """
-    if camera is None or body is None:
-        return None
     return moved_covariance(T_world_a @ T_a_b_object, camera + body)
 
 
@@ -69,16 +72,15 @@ def sharing(uv_px, group, groups, width_px):  # type: ignore[no-untyped-def]
     """
     total, count = np.zeros(groups), np.zeros(groups)
     order = np.argsort(uv_px[:, 1])
-    for a in range(len(order)):
-        i = order[a]
-        total[group[i]] += 1.0
-        count[group[i]] += 1.0
-        for b in range(a + 1, len(order)):
-            j = order[b]
-            v = 1.0 - (uv_px[j, 1] - uv_px[i, 1]) / width_px
-            if v <= 0.0:
-                break
-            u = 1.0 - abs(uv_px[j, 0] - uv_px[i, 0]) / width_px
-            if u > 0.0 and group[i] == group[j]:
-                total[group[i]] += 2.0 * u * v
+    for own in range(groups):
+        places = uv_px[order[group[order] == own]]
+        count[own] = total[own] = len(places)
+        for i in range(len(places)):
+            for j in range(i + 1, len(places)):
+                v = 1.0 - (places[j, 1] - places[i, 1]) / width_px
+                if v <= 0.0:
+                    break
+                u = 1.0 - abs(places[j, 0] - places[i, 0]) / width_px
+                if u > 0.0:
+                    total[own] += 2.0 * u * v
     return np.where(count > 0.0, total / np.maximum(count, 1.0), 1.0)

@@ -9,6 +9,7 @@ leaves.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -31,7 +32,7 @@ _TILE_PRIOR = 6                # features that the whole image's noise counts fo
 _TESTED = 0.1                  # share of a depth's variance that its residuals can explain
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Motions:
     """The solution of G rigid motions between two frames."""
 
@@ -41,10 +42,28 @@ class Motions:
     line_chi: Array           # (L,) the same of each line (2 rows)
     flow_scale: Array         # (G, kinds) measured over assumed standard deviation of the flow
     depth_scale: float        # the same of the inverse depths
-    refined_uv_b: Array       # (N, 2) px: m + φ with the optimised flow of eq. (3)
-    refined_rho_a: Array      # (N,) 1/m
-    depth_offset: tuple[float, float]   # 1/m, of all static inverse depths, and its deviation
-    refined_endpoints_b: Array   # (L, 2, 2) px: a + φ_a and b + φ_b, the same
+    points: PointFamily       # as they were left, for what was eliminated
+    lines: LineFamily
+
+    @cached_property
+    def refined_uv_b(self) -> Array:
+        """(N, 2) px: m + φ with the optimised flow of eq. (3)."""
+        return self.points.refined_uv_b(self.T_a_b)
+
+    @cached_property
+    def refined_rho_a(self) -> Array:
+        """(N,) 1/m."""
+        return self.points.rho
+
+    @cached_property
+    def refined_endpoints_b(self) -> Array:
+        """(L, 2, 2) px: a + φ_a and b + φ_b with the optimised flows."""
+        return self.lines.refined_endpoints_b(self.T_a_b)
+
+    @cached_property
+    def depth_offset(self) -> tuple[float, float]:
+        """1/m, of all static inverse depths, and its standard deviation."""
+        return self.points.common_offset(self.T_a_b, group=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,9 +209,7 @@ class _Problem:
         line_chi = self.lines.accumulate(T, *unused)
         information = information * self._efficiency(point_chi, line_chi)[:, None, None]
         return Motions(T, information, point_chi, line_chi, np.sqrt(self.flow_scale2),
-                       float(np.sqrt(self.depth_scale2)), self.points.refined_uv_b(T),
-                       self.points.rho, self.points.common_offset(T, group=0),
-                       self.lines.refined_endpoints_b(T))
+                       float(np.sqrt(self.depth_scale2)), self.points, self.lines)
 
     def _efficiency(self, point_chi: Array, line_chi: Array) -> Array:
         """(G,) what the information must be multiplied by, from all residuals."""

@@ -88,17 +88,17 @@ class PointFamily:
         own = own[:: max(1, len(own) // _OFFSET_POINTS)]
         r, J_pose, j = self._terms(T, own)
         J = np.concatenate([J_pose, (j - np.array([0.0, 0.0, 1.0]))[:, :, None]], axis=2)
-        r = np.einsum("nij,nj->ni", self.whitening[own], r)
-        J = self.whitening[own] @ J
-        chi2 = np.einsum("ni,ni->n", r, r)
-        weight = 1.0 / (1.0 + chi2 / self.config.kernel_width**2)
-        weight = np.where(np.isfinite(chi2), weight, 0.0)
-        r, J = np.nan_to_num(r), np.nan_to_num(J)
-        H = np.einsum("n,nki,nkj->ij", weight, J, J)
+        # The residual as one more column: one product whitens, one makes the normal equations.
+        whitened = self.whitening[own] @ np.concatenate([J, r[:, :, None]], axis=2)
+        chi2 = np.sum(whitened[:, :, 7] ** 2, axis=1)
+        weight = 1.0 / np.sqrt(1.0 + chi2 / self.config.kernel_width**2)
+        rows = np.nan_to_num(whitened * np.where(np.isfinite(chi2), weight, 0.0)[:, None, None])
+        rows = rows.reshape(-1, 8)
+        H, g = rows[:, :7].T @ rows[:, :7], rows[:, :7].T @ rows[:, 7]
         if not np.isfinite(H).all() or np.linalg.matrix_rank(H) < len(H):
             return 0.0, np.inf
         inverse = np.linalg.inv(H)
-        step = -inverse @ np.einsum("n,nki,nk->i", weight, J, r)
+        step = -inverse @ g
         return float(step[6]), float(np.sqrt(max(inverse[6, 6], 0.0)))
 
     def accumulate(self, T: Array, cost: Array, H: Array, g: Array,

@@ -82,8 +82,9 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
                     if group_b[to_v, to_u] != own:
                         continue
-                    seen = _between_pixels(rho_b, group_b, there_u, there_v, rho_b[to_v, to_u],
-                                           -np.inf if static else noise)
+                    nearest = rho_b[to_v, to_u]
+                    seen = nearest if static else _between_pixels(
+                        rho_b, group_b, there_u, there_v, nearest, noise)
                     if seen > 0.0:
                         # Wide enough for the noise: a gate that cuts its tail biases the mean.
                         if abs(seen - here) > max_change * here + max_noise:

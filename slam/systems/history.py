@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from slam.config import SdplConfig
-from slam.dynamics.objects import ObjectTable
-from slam.dynamics.scene_flow import moves
-from slam.dynamics.smooth_motion import MeasuredMotion, keep_moving
-from slam.estimation.covariance import covariance_of, object_covariance
+from slam.dynamics.objects import ObjectState, ObjectTable
+from slam.dynamics.scene_flow import moving
+from slam.dynamics.smooth_motion import BodyVelocity, MeasuredMotions, keep_moving
+from slam.estimation.covariance import covariance_of, known_or_none, object_covariance
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.systems.motion_stage import ObjectMotion, Tracked
+from slam.systems.motion_stage import Tracked
 from slam.types import (
     Frame,
     FrameEstimate,
@@ -76,41 +76,35 @@ class History:
         T_world_a = self.T_world_camera
         T_world_b = se3.orthonormalised(T_world_a @ tracked.T_a_b)
         of_camera = covariance_of(tracked.information / tracked.sharing)
-        moving: dict[int, ObjectEstimate] = {}
-        still: list[int] = []
         track_of = {s.label: s.track for s in objects.of_label(frame.stamp_s).values()}
-        for found in tracked.objects:
-            track = track_of[found.label]
-            estimate = _object_estimate(found, T_world_a, tracked.T_a_b, of_camera)
-            state = objects.states[track]
-            is_moving = moves(found.relative, tracked.information, found.information,
-                              found.points_a, dt_s, config.dynamic, np.isfinite(state.moved_s))
-            velocity = None
-            if (config.smooth.enabled and estimate.covariance is not None
-                    and frame.stamp_s - before.stamp_s > _SHORTEST_S):
-                velocity = keep_moving(
-                    state.velocity, MeasuredMotion(estimate.H_world, estimate.covariance,
-                                                   before.stamp_s, frame.stamp_s),
-                    estimate.centroid_world, config.smooth)
-                H_world, covariance = velocity.motion(dt_s)
-                estimate = replace(estimate, H_world=H_world, covariance=covariance)
-            trusted = found.rigidity >= config.dynamic.trusted_rigidity
-            if objects.judged(track, is_moving, frame.stamp_s,
-                              estimate.H_world if trusted else None, dt_s, velocity):
-                moving[track] = estimate
+        tracks = [track_of[found.label] for found in tracked.objects]
+        states = [objects.states[track] for track in tracks]
+        estimates = _object_estimates(tracked, T_world_a, of_camera)
+        velocities: list[BodyVelocity | None] = [None] * len(tracks)
+        if config.smooth.enabled and frame.stamp_s - before.stamp_s > _SHORTEST_S:
+            estimates, velocities = _smoothed(estimates, states, before.stamp_s, frame.stamp_s,
+                                              config)
+        is_moving = _moving(tracked, states, dt_s, config)
+        dynamic: dict[int, ObjectEstimate] = {}
+        still: list[int] = []
+        for i, track in enumerate(tracks):
+            trusted = estimates[i].rigidity >= config.dynamic.trusted_rigidity
+            if objects.judged(track, bool(is_moving[i]), frame.stamp_s,
+                              estimates[i].H_world if trusted else None, dt_s, velocities[i]):
+                dynamic[track] = estimates[i]
             else:
-                still.append(found.label)
+                still.append(tracked.objects[i].label)
         for label, _ in tracked.left_out:
             objects.forget_motion(track_of[label])
         if frame.stamp_s - before.stamp_s > _SHORTEST_S:       # broken stamps tell no velocity
             self._velocity, self._last_dt_s = se3.log(tracked.T_a_b) / dt_s, dt_s
         # After lost frames the step begins at a pose that was only predicted.
-        of_step = of_camera if self.lost_in_a_row == 0 else None
+        of_step = known_or_none(of_camera) if self.lost_in_a_row == 0 else None
         self.T_world_camera, self.lost_in_a_row = T_world_b, 0
         left_out = "; ".join(f"mask {label}: {why}" for label, why in tracked.left_out)
         last = self.estimates[-1].T_world_camera
         return self.add(FrameEstimate(
-            frame.index, frame.stamp_s, T_world_b, se3.inverse(last) @ T_world_b, moving,
+            frame.index, frame.stamp_s, T_world_b, se3.inverse(last) @ T_world_b, dynamic,
             Status.TRACKED, left_out, static_labels=tuple(still), covariance=of_step,
             inliers={"points": tracked.inlier_points, "lines": tracked.inlier_lines}))
 
@@ -132,11 +126,49 @@ class History:
             static_line_tracklet_lengths=static_line_lengths)
 
 
-def _object_estimate(found: ObjectMotion, T_world_a: Array, T_a_b: Array,
-                     of_camera: Array | None) -> ObjectEstimate:
-    H_world = se3.orthonormalised(T_world_a @ found.relative @ se3.inverse(T_world_a))
-    points = found.points_a if len(found.points_a) else np.zeros((1, 3))
-    centroid = se3.transform_points(T_world_a, points).mean(axis=0)
-    covariance = object_covariance(T_world_a, se3.inverse(found.relative) @ T_a_b, of_camera,
-                                   covariance_of(found.information / found.sharing))
-    return ObjectEstimate(H_world, centroid, found.label, found.rigidity, found.inliers, covariance)
+def _object_estimates(tracked: Tracked, T_world_a: Array, of_camera: Array
+                      ) -> list[ObjectEstimate]:
+    """The objects' motions in the world, with their covariances, as measured."""
+    found = tracked.objects
+    relative = np.array([f.relative for f in found]).reshape(-1, 4, 4)
+    of_body = np.array([f.information / f.sharing for f in found]).reshape(-1, 6, 6)
+    H_world = se3.orthonormalised(T_world_a @ relative @ se3.inverse(T_world_a))
+    covariance = object_covariance(T_world_a, se3.inverse(relative) @ tracked.T_a_b, of_camera,
+                                   covariance_of(of_body))
+    centroid_a = np.array([f.points_a.mean(axis=0) if len(f.points_a) else np.zeros(3)
+                           for f in found]).reshape(-1, 3)
+    centroid = se3.transform_points(T_world_a, centroid_a)
+    return [ObjectEstimate(H_world[i], centroid[i], f.label, f.rigidity, f.inliers,
+                           known_or_none(covariance[i])) for i, f in enumerate(found)]
+
+
+def _smoothed(estimates: list[ObjectEstimate], states: list[ObjectState], before_s: float,
+              stamp_s: float, config: SdplConfig
+              ) -> tuple[list[ObjectEstimate], list[BodyVelocity | None]]:
+    """The motions joined with those before them, and the velocities that they lead to.
+
+    A motion without a covariance stays as it is.
+    """
+    out = list(estimates)
+    velocities: list[BodyVelocity | None] = [None] * len(estimates)
+    known = [i for i, e in enumerate(estimates) if e.covariance is not None]
+    if not known:
+        return out, velocities
+    joined = keep_moving([states[i].velocity for i in known], MeasuredMotions(
+        np.array([estimates[i].H_world for i in known]),
+        np.array([estimates[i].covariance for i in known]),
+        np.array([estimates[i].centroid_world for i in known]), before_s, stamp_s), config.smooth)
+    H_world, covariance = joined.motion(stamp_s - before_s)
+    for place, i in enumerate(known):
+        velocities[i] = joined.of(place)
+        out[i] = replace(out[i], H_world=H_world[place], covariance=covariance[place])
+    return out, velocities
+
+
+def _moving(tracked: Tracked, states: list[ObjectState], dt_s: float, config: SdplConfig) -> Array:
+    """(G,) which objects move."""
+    found = tracked.objects
+    return moving(np.array([f.relative for f in found]).reshape(-1, 4, 4), tracked.information,
+                  np.array([f.information for f in found]).reshape(-1, 6, 6),
+                  [f.points_a for f in found], dt_s, config.dynamic,
+                  np.array([np.isfinite(s.moved_s) for s in states], dtype=np.bool_))

@@ -10,7 +10,7 @@ import numpy as np
 
 from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
-from slam.dynamics.scene_flow import moves
+from slam.dynamics.scene_flow import moving
 from slam.estimation.calibration import DepthOffset
 from slam.estimation.covariance import sharing
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
@@ -217,14 +217,11 @@ class MotionStage:
         A thing that sets off would else pull the camera along, and then seem to stand.
         """
         every = matched.every
-        standing = []
-        for group in parked:
-            relative = rough.T_a_b[0] @ se3.inverse(rough.T_a_b[group])
-            points = self._points_a(every, every.group == group)
-            if not moves(relative, rough.information[0], rough.information[group], points,
-                         max(dt_s, 1e-6), self.config.dynamic):
-                standing.append(group)
-        return np.array(standing, dtype=np.int64)
+        moved = moving(rough.T_a_b[0] @ se3.inverse(rough.T_a_b[parked]), rough.information[0],
+                       rough.information[parked],
+                       [self._points_a(every, every.group == group) for group in parked],
+                       max(dt_s, 1e-6), self.config.dynamic)
+        return np.asarray(parked[~moved])
 
     def _points_a(self, matches: PointMatches, index: Array) -> Array:
         """(N, 3) m, in camera a."""

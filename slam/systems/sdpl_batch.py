@@ -16,7 +16,7 @@ from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
 from slam.config import SdplConfig
-from slam.estimation.covariance import object_covariance
+from slam.estimation.covariance import known_or_none, object_covariance
 from slam.frontend.flow import FlowEstimator
 from slam.frontend.observe import Observation
 from slam.geometry import se3
@@ -25,6 +25,8 @@ from slam.map import STATIC, MapRecord
 from slam.systems.motion_stage import MotionStage, Tracked
 from slam.systems.sdpl import SdplSlam
 from slam.types import Frame, FrameEstimate, Intrinsics, Segments2D, SlamResult, Status
+
+_UNKNOWN = np.full((6, 6), np.nan)   # covariance
 
 
 class _HeardMotions(MotionStage):
@@ -102,9 +104,10 @@ class SdplBatch:
             H = se3.orthonormalised(X @ se3.inverse(Y) @ Y_before @ se3.inverse(X_before))
             self.tracker.objects.correct(track, H)
             objects[track] = replace(motion, H_world=H, centroid_world=se3.transform_points(
-                S, motion.centroid_world[None])[0], covariance=object_covariance(
-                    X_before, se3.inverse(Y_before) @ Y, of_steps.get(STATIC),
-                    of_steps.get(number)))
+                S, motion.centroid_world[None])[0], covariance=known_or_none(
+                    object_covariance(X_before, se3.inverse(Y_before) @ Y,
+                                      of_steps.get(STATIC, _UNKNOWN),
+                                      of_steps.get(number, _UNKNOWN))))
         step = se3.inverse(X_before) @ X
         self.tracker.history.correct(step)
         return replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects,

@@ -4,12 +4,23 @@ import numpy as np
 import pytest
 
 from slam.config import DynamicConfig
-from slam.dynamics.scene_flow import moves
+from slam.dynamics.scene_flow import _speed_sigma, moving
 from slam.geometry import se3
 
 CONFIG = DynamicConfig(static_share_of_distance=0.0, common_inverse_depth_error=0.0)
 SURE = np.eye(6) * 1e12          # information of poses known perfectly
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 4.0], [0.5, 0.5, 5.0], (50, 3))
+
+
+def moves(relative, static, own, points, dt_s, config, moved_before=False):
+    """The answer for one object; beside others that stand it is the same."""
+    alone = moving(relative[None], static, own[None], [points], dt_s, config,
+                   np.array([moved_before]))
+    among = moving(np.stack([np.eye(4), relative, np.eye(4)]), static,
+                   np.stack([SURE, own, SURE]), [POINTS, points, POINTS[:7]], dt_s, config,
+                   np.array([True, moved_before, False]))
+    assert among.tolist() == [False, alone[0], False]
+    return alone[0]
 
 
 def shift(axis, distance_m):
@@ -73,3 +84,19 @@ def test_a_far_thing_whose_depth_alone_changes_does_not_move():
     assert not moves(shift(2, 0.5), SURE, SURE, far, 0.1, config)     # along the ray: its depth
     assert moves(shift(0, 0.5), SURE, SURE, far, 0.1, config)         # across it: seen
     assert moves(shift(2, 2.0), SURE, SURE, far, 0.1, config)
+
+
+def test_no_objects_are_none_that_move():
+    none = moving(np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, CONFIG)
+    assert none.shape == (0,)
+
+
+def test_the_noise_of_carried_points_is_that_of_draws():
+    rng = np.random.default_rng(1)
+    root = 0.01 * rng.normal(size=(6, 6))
+    covariance = root @ root.T
+    xi = rng.multivariate_normal(np.zeros(6), covariance, 40_000)
+    sigma = _speed_sigma(np.linalg.inv(covariance)[None], POINTS[:3], np.zeros(3, np.int64))
+    for p, stated in zip(POINTS, sigma, strict=False):
+        moved = np.cross(xi[:, :3], p) + xi[:, 3:]
+        assert stated == pytest.approx(np.sqrt(np.mean(np.sum(moved**2, axis=1))), rel=0.02)

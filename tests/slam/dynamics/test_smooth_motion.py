@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.config import SmoothMotionConfig
-from slam.dynamics.smooth_motion import MeasuredMotion, keep_moving
+from slam.dynamics.smooth_motion import BodyVelocity, MeasuredMotions, keep_moving
 from slam.geometry import se3
 
 CONFIG = SmoothMotionConfig()
@@ -21,7 +21,15 @@ def measured(T_before, T_after, k, rng=None):
     noise = np.eye(4) if rng is None else se3.exp(SIGMA * rng.standard_normal(6))
     H = T_after @ noise @ se3.inverse(T_before)
     A = se3.adjoint(T_before)
-    return MeasuredMotion(H, A @ np.diag(SIGMA**2) @ A.T, k * DT_S, (k + 1) * DT_S)
+    return motions(H, A @ np.diag(SIGMA**2) @ A.T, k)
+
+
+def motions(H, covariance, k, place=START[:3, 3]):
+    return MeasuredMotions(H[None], covariance[None], place[None], k * DT_S, (k + 1) * DT_S)
+
+
+def velocity_after(before, motion):
+    return keep_moving([before], motion, CONFIG).of(0)
 
 
 def poses(twists):
@@ -43,8 +51,8 @@ def test_a_car_in_a_turn_is_known_better_than_from_one_motion(seed):
     velocity, raw, joined = None, [], []
     for k in range(60):
         motion = measured(path[k], path[k + 1], k, rng)
-        velocity = keep_moving(velocity, motion, START[:3, 3], CONFIG)
-        raw.append(errors(motion.H_world, path[k], path[k + 1]))
+        velocity = velocity_after(velocity, motion)
+        raw.append(errors(motion.H_world[0], path[k], path[k + 1]))
         joined.append(errors(velocity.motion(DT_S)[0], path[k], path[k + 1]))
     ratio = np.sqrt(np.mean(np.square(joined[10:]), axis=0) / np.mean(np.square(raw[10:]), axis=0))
     # What 2 m/s² and 2 rad/s² over 0.1 s leave a steady filter: 0.68 and 0.93 of such noise.
@@ -56,7 +64,7 @@ def test_without_noise_the_measured_motions_come_back():
     path = poses([TURNING_CAR] * 5)
     velocity = None
     for k in range(5):
-        velocity = keep_moving(velocity, measured(path[k], path[k + 1], k), START[:3, 3], CONFIG)
+        velocity = velocity_after(velocity, measured(path[k], path[k + 1], k))
         np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[k], path[k + 1], atol=1e-9)
 
 
@@ -65,29 +73,44 @@ def test_after_a_collision_the_new_motion_stands_alone():
     path = poses([TURNING_CAR] * 8 + [thrown_back])
     velocity = None
     for k in range(9):
-        velocity = keep_moving(velocity, measured(path[k], path[k + 1], k), START[:3, 3], CONFIG)
+        velocity = velocity_after(velocity, measured(path[k], path[k + 1], k))
     np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[8], path[9], atol=1e-9)
 
 
 def test_what_was_not_seen_in_between_starts_anew():
     path = poses([TURNING_CAR] * 4)
     rng = np.random.default_rng(0)
-    before = keep_moving(None, measured(path[0], path[1], 0, rng), START[:3, 3], CONFIG)
+    before = velocity_after(None, measured(path[0], path[1], 0, rng))
     later = measured(path[3], path[4], 3, rng)
-    velocity = keep_moving(before, later, path[3][:3, 3], CONFIG)
-    np.testing.assert_allclose(velocity.motion(DT_S)[0], later.H_world, atol=1e-9)
+    velocity = velocity_after(before, later)
+    np.testing.assert_allclose(velocity.motion(DT_S)[0], later.H_world[0], atol=1e-9)
 
 
 def test_a_motion_that_is_hardly_known_is_the_expected_one():
     path = poses([TURNING_CAR] * 2)
-    before = keep_moving(None, measured(path[0], path[1], 0), START[:3, 3], CONFIG)
-    blind = MeasuredMotion(np.eye(4), 1e12 * np.eye(6), DT_S, 2 * DT_S)
-    velocity = keep_moving(before, blind, START[:3, 3], CONFIG)
+    before = velocity_after(None, measured(path[0], path[1], 0))
+    blind = motions(np.eye(4), 1e12 * np.eye(6), 1)
+    velocity = velocity_after(before, blind)
     np.testing.assert_allclose(velocity.motion(DT_S)[0] @ path[1], path[2], atol=1e-3)
 
 
 def test_a_first_motion_has_the_covariance_that_was_measured():
     path = poses([TURNING_CAR])
     motion = measured(path[0], path[1], 0)
-    _, covariance = keep_moving(None, motion, START[:3, 3], CONFIG).motion(DT_S)
-    np.testing.assert_allclose(covariance, motion.covariance, rtol=1e-6, atol=1e-9)
+    _, covariance = velocity_after(None, motion).motion(DT_S)
+    np.testing.assert_allclose(covariance, motion.covariance[0], rtol=1e-6, atol=1e-9)
+
+
+def test_each_of_several_bodies_goes_as_it_would_alone():
+    rng = np.random.default_rng(3)
+    path = poses([TURNING_CAR] * 3)
+    before = velocity_after(None, measured(path[0], path[1], 0, rng))
+    long_ago = BodyVelocity(-1.0, before.T_world_body, before.twist, before.covariance)
+    one = measured(path[1], path[2], 1, rng)
+    three = MeasuredMotions(*(np.repeat(x, 3, axis=0) for x in
+                              (one.H_world, one.covariance, one.place_world)),
+                            one.before_s, one.stamp_s)
+    together = keep_moving([before, None, long_ago], three, CONFIG)
+    for i, alone in enumerate([before, None, None]):
+        np.testing.assert_allclose(together.of(i).motion(DT_S)[0],
+                                   velocity_after(alone, one).motion(DT_S)[0], atol=1e-12)

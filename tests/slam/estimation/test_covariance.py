@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from slam.estimation.covariance import (
     covariance_of,
+    known_or_none,
     moved_covariance,
     object_covariance,
     sharing,
@@ -29,8 +30,12 @@ def test_the_inverse_of_information_however_its_units_differ():
     np.zeros((6, 6)), np.diag([1.0, 1, 1, 1, 1, 0]), np.full((6, 6), np.nan),
     np.ones((6, 6)), np.diag([1.0, 1, 1, 1, 1, -1])])
 def test_what_leaves_a_direction_unknown_has_no_covariance(information):
-    assert covariance_of(information) is None
-    assert object_covariance(np.eye(4), np.eye(4), np.eye(6), covariance_of(information)) is None
+    both = covariance_of(np.stack([information, np.eye(6)]))
+    assert np.isnan(both[0]).all()
+    assert_allclose(both[1], np.eye(6), atol=1e-12)
+    of_objects = object_covariance(np.eye(4), np.eye(4), np.eye(6), both)
+    assert known_or_none(of_objects[0]) is None
+    assert_allclose(known_or_none(of_objects[1]), 2.0 * np.eye(6), atol=1e-12)
 
 
 def test_an_objects_covariance_is_that_of_draws_of_both_poses():
