@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from slam.geometry import camera as pinhole
@@ -88,14 +89,24 @@ def _cut_off(label_index: Array) -> Array:
 
 def _colours(rgb: Array, mask: Array, count: int) -> Array:
     """(count, 64) each mask's colour shares, each pixel shared by the nearest levels."""
-    level = np.clip(rgb.astype(np.float64) * (_LEVELS / 256.0) - 0.5, 0.0, _LEVELS - 1.0)
-    low = np.minimum(level.astype(np.int64), _LEVELS - 2)
-    upper = level - low
-    histogram = np.zeros(count * _LEVELS**3)
-    for corner in range(8):
-        high = np.array([corner >> 2 & 1, corner >> 1 & 1, corner & 1])
-        cell = (low + high) @ np.array([_LEVELS**2, _LEVELS, 1])
-        weight = np.where(high == 1, upper, 1.0 - upper).prod(axis=1)
-        histogram += np.bincount(mask * _LEVELS**3 + cell, weight, len(histogram))
-    shares = histogram.reshape(count, -1)
-    return np.asarray(shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-12))
+    histogram = _histogram(rgb, mask, count)
+    return np.asarray(histogram / np.maximum(histogram.sum(axis=1, keepdims=True), 1e-12))
+
+
+@numba.njit(cache=True, nogil=True)
+def _histogram(rgb, mask, count):  # type: ignore[no-untyped-def]
+    out = np.zeros((count, _LEVELS**3))
+    low, upper = np.empty(3, np.int64), np.empty(3)
+    for n in range(len(mask)):
+        for c in range(3):
+            level = min(max(rgb[n, c] * (_LEVELS / 256.0) - 0.5, 0.0), _LEVELS - 1.0)
+            low[c] = min(int(level), _LEVELS - 2)
+            upper[c] = level - low[c]
+        for corner in range(8):
+            cell, weight = 0, 1.0
+            for c in range(3):
+                high = corner >> (2 - c) & 1
+                cell = cell * _LEVELS + low[c] + high
+                weight *= upper[c] if high == 1 else 1.0 - upper[c]
+            out[mask[n], cell] += weight
+    return out

@@ -104,6 +104,7 @@ class MotionStage:
         self.depth_offset = DepthOffset()
         self._noise_seen = False
         self._smooth: list[tuple[Frame, Array]] = []
+        self._surfaces: list[tuple[Array, Array]] = []
         self._align = AlignConfig()
 
     def track(self, a: Observation, b: Observation, flow: FlowField, pairs: dict[int, int],
@@ -259,9 +260,8 @@ class MotionStage:
         # A rotation that is hardly known would deform the patches at random.
         belief = _belief_in_rotation(rough.information)[corners.group, None, None]
         warps = np.eye(2) + belief * (warps - np.eye(2))
-        surface = surface_image(a.frame.depth_m, a.label_index)
-        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b, surface, b,
-                                      self.config.noise, self._align)
+        aligned, index = align_points(corners, expected, warps, smooth_a, smooth_b,
+                                      self._surface(a), b, self.config.noise, self._align)
         lines, line_index = matched.lines, matched.line_index
         if len(lines):
             ends, _ = self._carried(lines.endpoints_a.reshape(-1, 2), lines.rho_a.reshape(-1),
@@ -297,6 +297,18 @@ class MotionStage:
         smooth = prepare_image(observation.gray, self._align)
         self._smooth = [*self._smooth[-1:], (observation.frame, smooth)]
         return smooth
+
+    def prepare(self, current: Observation) -> None:
+        """What aligning the frame after this one will need; may run beside `track`."""
+        if self._aligns(current.frame.flow is None):
+            image = surface_image(current.frame.depth_m, current.label_index)
+            self._surfaces = [*self._surfaces[-1:], (current.label_index, image)]
+
+    def _surface(self, observation: Observation) -> Array:
+        for labels, image in self._surfaces:
+            if labels is observation.label_index:
+                return image
+        return surface_image(observation.frame.depth_m, observation.label_index)
 
     def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],
                  why: dict[int, str], parked: Array, image_flow: bool) -> Tracked:

@@ -54,7 +54,9 @@ class SdplSlam:
                  clock: Stopwatch) -> FrameEstimate:
         def look() -> Future[Detected]:
             # What the picture shows is wanted last: a second core looks for it meanwhile.
-            return beside.submit(detect, current, self.config)
+            detected = beside.submit(detect, current, self.config)
+            beside.submit(self.motions.prepare, current)
+            return detected
 
         if self.previous is None:
             return self._begin(current, look(), clock)
