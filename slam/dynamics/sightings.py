@@ -95,18 +95,23 @@ def _colours(rgb: Array, mask: Array, count: int) -> Array:
 
 @numba.njit(cache=True, nogil=True)
 def _histogram(rgb, mask, count):  # type: ignore[no-untyped-def]
-    out = np.zeros((count, _LEVELS**3))
-    low, upper = np.empty(3, np.int64), np.empty(3)
+    out = np.zeros((count, _LEVELS, _LEVELS, _LEVELS))
     for n in range(len(mask)):
-        for c in range(3):
-            level = min(max(rgb[n, c] * (_LEVELS / 256.0) - 0.5, 0.0), _LEVELS - 1.0)
-            low[c] = min(int(level), _LEVELS - 2)
-            upper[c] = level - low[c]
-        for corner in range(8):
-            cell, weight = 0, 1.0
-            for c in range(3):
-                high = corner >> (2 - c) & 1
-                cell = cell * _LEVELS + low[c] + high
-                weight *= upper[c] if high == 1 else 1.0 - upper[c]
-            out[mask[n], cell] += weight
-    return out
+        r, r_up = _level(rgb[n, 0])
+        g, g_up = _level(rgb[n, 1])
+        b, b_up = _level(rgb[n, 2])
+        for i in range(2):
+            of_r = r_up if i == 1 else 1.0 - r_up
+            for j in range(2):
+                of_rg = of_r * (g_up if j == 1 else 1.0 - g_up)
+                out[mask[n], r + i, g + j, b] += of_rg * (1.0 - b_up)
+                out[mask[n], r + i, g + j, b + 1] += of_rg * b_up
+    return out.reshape(count, _LEVELS**3)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _level(value):  # type: ignore[no-untyped-def]
+    """The level below a channel's value, and the next one's share."""
+    level = min(max(value * (_LEVELS / 256.0) - 0.5, 0.0), _LEVELS - 1.0)
+    low = min(int(level), _LEVELS - 2)
+    return low, level - low
