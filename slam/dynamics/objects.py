@@ -27,6 +27,7 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
+    suspected_s: float = -np.inf     # when it was last seen to move, beyond doubt or not
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took
     velocity: BodyVelocity | None = None   # all its motions up to the last one say
@@ -112,16 +113,23 @@ class ObjectTable:
                     s, place_s=stamp_s, place_world=seen.place_world[i], extent_m=largest_m,
                     cut_off=bool(seen.cut_off[i]), colours=old + new * seen.colours[i])
 
-    def judged(self, track: int, moving: bool, stamp_s: float, H_world: Array | None,
+    def judged(self, track: int, moved: int, stamp_s: float, H_world: Array | None,
                over_s: float, velocity: BodyVelocity | None = None) -> bool:
         """Record a motion; whether the object counts as dynamic, also through a short stop.
 
+        What was seen to stand, and moves within doubt, must do so in two frames in a row: matches
+        of a small far thing are wrong together now and then.
+
         Args:
+            moved: as `scene_flow.moving` has it.
             H_world: (4, 4) its motion, or None where it is not to be trusted for prediction.
             over_s: the time between the two frames.
         """
         state = self.states[track]
-        moved_s = stamp_s if moving else state.moved_s
+        in_frame_before = stamp_s - (1.0 + _SAME_TIME) * over_s
+        believed = (moved > 1 or stamp_s - state.moved_s <= self.config.stay_dynamic_s
+                    or max(state.suspected_s, state.first_s) >= in_frame_before)
+        moved_s = stamp_s if moved > 0 and believed else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
         still_s = stamp_s - max(state.first_s, moved_s)
         velocity_m_s = state.velocity_m_s
@@ -130,6 +138,7 @@ class ObjectTable:
             velocity_m_s = (se3.transform_points(H_world, place) - place)[0] / over_s
         self.states[track] = replace(
             state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
+            suspected_s=stamp_s if moved > 0 else state.suspected_s,
             H_world=H_world, over_s=over_s, velocity=velocity, velocity_m_s=velocity_m_s)
         return dynamic
 

@@ -11,12 +11,14 @@ from slam.geometry.arrays import Array
 
 _POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
+_BEYOND_DOUBT = 2.0    # times the limit
 
 
 def moving(relative: Array, information_static: Array, information_objects: Array,
            points_a: Sequence[Array], dt_s: float, config: DynamicConfig,
            moved_before: Array | None = None) -> Array:
-    """Which (G,) objects' points move in the world, beyond threshold and noise.
+    """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 beyond
+    doubt.
 
     The scene flow is that of the object's own motion (eq. 4), `relative` p − p: the scene flow of
     single measured points is mostly depth noise, that of the motion which fits them all is not.
@@ -31,7 +33,7 @@ def moving(relative: Array, information_static: Array, information_objects: Arra
     sample = [points[:: max(1, len(points) // _POINTS)] for points in points_a]
     count = np.array([len(points) for points in sample], dtype=np.int64)
     if count.sum() == 0:
-        return np.zeros(len(count), np.bool_)
+        return np.zeros(len(count), np.int64)
     of = np.repeat(np.arange(len(count)), count)
     points = np.concatenate(sample)
     flow_m = np.einsum("nij,nj->ni", relative[of, :3, :3], points) + relative[of, :3, 3] - points
@@ -41,8 +43,9 @@ def moving(relative: Array, information_static: Array, information_objects: Arra
         threshold = np.where(moved_before[of], _HYSTERESIS, 1.0) * threshold
     every = np.concatenate([information_static[None], information_objects])
     noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
-    stands_out = speed > np.maximum(threshold, config.significance * noise / dt_s)
-    return np.asarray(np.bincount(of, stands_out, len(count)) > config.moving_share * count)
+    excess = speed / np.maximum(threshold, config.significance * noise / dt_s)
+    return np.sum([np.bincount(of, excess > limit, len(count)) > config.moving_share * count
+                   for limit in (1.0, _BEYOND_DOUBT)], axis=0)
 
 
 def _beyond_depth_error(flow_m: Array, points_a: Array, config: DynamicConfig) -> Array:

@@ -84,12 +84,12 @@ class History:
         if config.smooth.enabled and frame.stamp_s - before.stamp_s > _SHORTEST_S:
             estimates, velocities = _smoothed(estimates, states, before.stamp_s, frame.stamp_s,
                                               config)
-        is_moving = _moving(tracked, states, dt_s, config)
+        moved = _moving(tracked, states, dt_s, config)
         dynamic: dict[int, ObjectEstimate] = {}
         still: list[int] = []
         for i, track in enumerate(tracks):
             trusted = estimates[i].rigidity >= config.dynamic.trusted_rigidity
-            if objects.judged(track, bool(is_moving[i]), frame.stamp_s,
+            if objects.judged(track, int(moved[i]), frame.stamp_s,
                               estimates[i].H_world if trusted else None, dt_s, velocities[i]):
                 dynamic[track] = estimates[i]
             else:
@@ -166,7 +166,7 @@ def _smoothed(estimates: list[ObjectEstimate], states: list[ObjectState], before
 
 
 def _moving(tracked: Tracked, states: list[ObjectState], dt_s: float, config: SdplConfig) -> Array:
-    """(G,) which objects move."""
+    """(G,) whether the objects move, as `moving` says it."""
     found = tracked.objects
     return moving(np.array([f.relative for f in found]).reshape(-1, 4, 4), tracked.information,
                   np.array([f.information for f in found]).reshape(-1, 6, 6),

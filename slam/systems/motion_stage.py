@@ -222,7 +222,7 @@ class MotionStage:
                        rough.information[parked],
                        [self._points_a(every, every.group == group) for group in parked],
                        max(dt_s, 1e-6), self.config.dynamic)
-        return np.asarray(parked[~moved])
+        return np.asarray(parked[moved == 0])
 
     def _points_a(self, matches: PointMatches, index: Array) -> Array:
         """(N, 3) m, in camera a."""

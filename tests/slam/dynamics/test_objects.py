@@ -47,11 +47,11 @@ def test_a_track_without_a_mask_is_forgotten_after_its_time_and_not_before():
 def test_a_thing_that_moved_stays_dynamic_through_a_short_stop_only():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert objects.judged(track, True, 0.0, H, 1.0)
-    assert objects.judged(track, False, 0.9, np.eye(4), 1.0)
-    assert not objects.judged(track, False, 1.1, np.eye(4), 1.0)
+    assert objects.judged(track, 2, 0.0, H, 1.0)
+    assert objects.judged(track, 0, 0.9, np.eye(4), 1.0)
+    assert not objects.judged(track, 0, 1.1, np.eye(4), 1.0)
     assert objects.states[track].parked
-    assert objects.judged(track, True, 1.2, H, 1.0)
+    assert objects.judged(track, 2, 1.2, H, 1.0)
     assert not objects.states[track].parked
 
 
@@ -59,7 +59,7 @@ def test_a_thing_that_never_moved_is_parked_once_it_was_watched_for_a_while():
     objects = table(parked_after_s=0.3)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
     for stamp_s, parked in ((0.1, False), (0.29, False), (0.31, True), (0.4, True)):
-        assert not objects.judged(track, False, stamp_s, np.eye(4), 1.0)
+        assert not objects.judged(track, 0, stamp_s, np.eye(4), 1.0)
         assert objects.states[track].parked == parked
 
 
@@ -67,7 +67,7 @@ def test_a_thing_that_never_moved_is_parked_once_it_was_watched_for_a_while():
 def test_the_motion_expected_is_the_last_one_seen_from_the_camera(ratio):
     objects = table()
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    objects.judged(track, True, 0.0, H, 1.0)
+    objects.judged(track, 2, 0.0, H, 1.0)
     T_world_camera = se3.exp(np.array([0.1, -0.2, 0.05, 1.0, 2.0, -0.5]))
     expected = objects.predicted_relative(track, T_world_camera, ratio)
     p_camera = np.array([0.3, -0.2, 5.0])
@@ -82,7 +82,28 @@ def test_nothing_is_expected_of_the_unknown_and_the_parked():
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
     assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
     assert_allclose(objects.predicted_relative(999, np.eye(4), 1.0), np.eye(4))
-    objects.judged(track, True, 0.1, None, 1.0)              # its motion is not to be trusted
+    objects.judged(track, 2, 0.1, None, 1.0)              # its motion is not to be trusted
     assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
-    objects.judged(track, False, 9.0, H, 1.0)
+    objects.judged(track, 0, 9.0, H, 1.0)
     assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
+
+def test_what_moves_within_doubt_must_do_so_twice():
+    objects = table(stay_dynamic_s=1.0, forget_s=10.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    for stamp_s, moved in ((0.1, 0), (0.2, 1), (0.3, 0), (0.4, 1)):
+        assert not objects.judged(track, moved, stamp_s, H, 0.1)
+    assert objects.judged(track, 1, 0.5, H, 0.1)
+
+
+def test_a_new_thing_is_believed_to_move_at_once():
+    objects = table(stay_dynamic_s=1.0, forget_s=10.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    assert objects.judged(track, 1, 0.1, H, 0.1)
+
+
+def test_a_jump_beyond_doubt_is_believed_at_once_and_doubtful_motion_keeps_it_moving():
+    objects = table(stay_dynamic_s=1.0, forget_s=10.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    assert objects.judged(track, 2, 0.0, H, 0.1)
+    assert objects.judged(track, 1, 0.9, H, 0.1)
+    assert objects.judged(track, 0, 1.8, H, 0.1)      # 0.9 s after the last motion
