@@ -27,7 +27,8 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
-    suspected_s: float = -np.inf     # when it was last seen to move, beyond doubt or not
+    suspected: bool = True           # whether it moved when last judged, beyond doubt or not
+    suspected_s: float = -np.inf     # when that was last so
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took
     velocity: BodyVelocity | None = None   # all its motions up to the last one say
@@ -117,8 +118,8 @@ class ObjectTable:
                over_s: float, velocity: BodyVelocity | None = None) -> bool:
         """Record a motion; whether the object counts as dynamic, also through a short stop.
 
-        What was seen to stand, and moves within doubt, must do so in two frames in a row: matches
-        of a small far thing are wrong together now and then.
+        What was seen to stand, and moves within doubt, must do so twice running: matches of a
+        small far thing are wrong together now and then.
 
         Args:
             moved: as `scene_flow.moving` has it.
@@ -126,19 +127,19 @@ class ObjectTable:
             over_s: the time between the two frames.
         """
         state = self.states[track]
-        in_frame_before = stamp_s - (1.0 + _SAME_TIME) * over_s
-        believed = (moved > 1 or stamp_s - state.moved_s <= self.config.stay_dynamic_s
-                    or max(state.suspected_s, state.first_s) >= in_frame_before)
+        believed = (moved > 1 or state.suspected
+                    or stamp_s - state.moved_s <= self.config.stay_dynamic_s)
         moved_s = stamp_s if moved > 0 and believed else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
-        still_s = stamp_s - max(state.first_s, moved_s)
+        suspected_s = stamp_s if moved > 0 else state.suspected_s
+        still_s = stamp_s - max(state.first_s, suspected_s)
         velocity_m_s = state.velocity_m_s
         if H_world is not None and state.place_world is not None:
             place = state.place_world[None]
             velocity_m_s = (se3.transform_points(H_world, place) - place)[0] / over_s
         self.states[track] = replace(
             state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
-            suspected_s=stamp_s if moved > 0 else state.suspected_s,
+            suspected=moved > 0, suspected_s=suspected_s,
             H_world=H_world, over_s=over_s, velocity=velocity, velocity_m_s=velocity_m_s)
         return dynamic
 

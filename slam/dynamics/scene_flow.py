@@ -11,7 +11,7 @@ from slam.geometry.arrays import Array
 
 _POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
-_BEYOND_DOUBT = 2.0    # times the limit
+_BEYOND_DOUBT = 1.5    # times the limit: six standard deviations
 
 
 def moving(relative: Array, information_static: Array, information_objects: Array,
