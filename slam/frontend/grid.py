@@ -82,9 +82,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
                     if group_b[to_v, to_u] != own:
                         continue
-                    nearest = rho_b[to_v, to_u]
-                    seen = nearest if static else _between_pixels(
-                        rho_b, group_b, there_u, there_v, nearest, noise)
+                    seen = _between_pixels(rho_b, group_b, there_u, there_v, rho_b[to_v, to_u],
+                                           noise)
                     if seen > 0.0:
                         # Wide enough for the noise: a gate that cuts its tail biases the mean.
                         if abs(seen - here) > max_change * here + max_noise:
@@ -108,9 +107,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
 def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untyped-def]
     """Inverse depth at (u, v) between four pixels of one surface; else that of the nearest.
 
-    Reading the nearest errs alike all over an object whose flow is nearly the same everywhere, by
-    up to half a pixel's slope: an error along the ray that no number of pixels averages out. The
-    static world has many slopes and flows, and edges of its own in plenty.
+    Reading the nearest errs alike all over a surface whose flow is nearly the same everywhere, by
+    up to half a pixel's slope: an error along the ray that no number of pixels averages out.
 
     Args:
         noise: pixels that differ by more, and 3 % of their inverse depth, lie on two surfaces.
@@ -119,14 +117,15 @@ def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untype
     if left < 0 or top < 0 or left + 1 >= rho.shape[1] or top + 1 >= rho.shape[0]:
         return nearest
     own, total, least, most = group[top, left], 0.0, nearest, nearest
+    across, down = u - left, v - top
     for i in range(2):
+        of_row = down if i == 1 else 1.0 - down
         for j in range(2):
             here = rho[top + i, left + j]
             if here <= 0.0 or group[top + i, left + j] != own:
                 return nearest
             least, most = min(least, here), max(most, here)
-            across = u - left if j == 1 else 1.0 - (u - left)
-            total += here * across * (v - top if i == 1 else 1.0 - (v - top))
+            total += here * of_row * (across if j == 1 else 1.0 - across)
     return nearest if most - least > _STEEPEST * nearest + noise else total
 
 

@@ -58,8 +58,7 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
                         continue
                     if rho_b[there] > 0:
                         gate = CONFIG.max_depth_change * rho_a[v, u] + 8 * NOISE.inverse_depth_sigma
-                        read = (rho_b[there] if static else
-                                between(rho_b, group_b, np.array([u, v]) + move, there))
+                        read = between(rho_b, group_b, np.array([u, v]) + move, there)
                         if abs(read - rho_a[v, u]) > gate:
                             continue
                         seen.append(read)
