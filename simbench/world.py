@@ -227,7 +227,7 @@ def _stage(spec: SceneSpec, seed: int, dials: dict[str, float]) -> tuple[mujoco.
     try:
         staged = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise BadFile(f"scene {spec.name}: {path}: {_one_line(error)}") from error
+        raise BadFile(f"scene {spec.name}: {path}: {error}") from error
     if spec.build is not None:
         staging = spec.build(staged, seed, dials)
         return staged, staging
@@ -260,8 +260,4 @@ def _compiled(staged: mujoco.MjSpec, spec: SceneSpec) -> mujoco.MjModel:
     try:
         return staged.compile()
     except ValueError as error:
-        raise BadFile(f"scene {spec.name}: {spec.mjcf}: {_one_line(error)}") from error
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+        raise BadFile(f"scene {spec.name}: {spec.mjcf}: {error}") from error

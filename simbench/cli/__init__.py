@@ -28,7 +28,7 @@ from simbench.cli import (
     verify,
     view,
 )
-from simbench.errors import UserError
+from simbench.errors import UserError, one_line
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None,
                   help="A benchmark for dynamic SLAM with exact simulated truth.")
@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _failed(message: str, debug: bool) -> int:
     if debug:
         traceback.print_exc()
-    print("error: " + " ".join(message.split()), file=sys.stderr)
+    print("error: " + one_line(message), file=sys.stderr)
     return 2
 
 

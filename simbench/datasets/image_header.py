@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-_PNG = b"\x89PNG\r\n\x1a\n"
+from simbench.datasets import png
+
 _JPEG = b"\xff\xd8\xff"
 _FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}    # SOF0 … SOF15 of JPEG
 _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
@@ -10,7 +11,7 @@ _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
 
 def image_size(data: bytes) -> tuple[int, int] | None:
     """(width, height) of a PNG or JPEG as its header says; None where it is neither."""
-    if data.startswith(_PNG) and data[12:16] == b"IHDR" and len(data) >= 24:
+    if data.startswith(png.SIGNATURE) and data[12:16] == b"IHDR" and len(data) >= 24:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     return _jpeg_size(data) if data.startswith(_JPEG) else None
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from simbench.datasets import png
 from simbench.datasets.image_header import image_size
 from simbench.errors import BadFrame
 from simbench.untrusted import read_bytes
 from slam.geometry.arrays import Array
 
-_PNG, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _JPEG, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _NO_MEASUREMENT = 65535   # what some sensors write where they saw nothing
 
@@ -20,10 +20,13 @@ _NO_MEASUREMENT = 65535   # what some sensors write where they saw nothing
 def _decode(path: Path, flags: int, width: int, height: int) -> Array:
     """(height, width, …); OpenCV would fill a truncated image with grey without a word."""
     data = read_bytes(path, 16 * width * height + 1_000_000, BadFrame, "image")
-    cut = (data.startswith(_PNG) and not data.rstrip(b"\0\r\n").endswith(_PNG_END)) or (
-        data.startswith(_JPEG) and _JPEG_END not in data[-64:])
-    if cut or not data:
-        raise BadFrame(f"{path}: the image is truncated ({len(data)} bytes); copy it again")
+    if not data or (data.startswith(_JPEG) and _JPEG_END not in data[-64:]):
+        raise _damaged(path, "truncated", data)
+    if data.startswith(png.SIGNATURE):
+        try:
+            data = png.pixels_only(data)
+        except ValueError as error:
+            raise _damaged(path, str(error), data) from None
     size = image_size(data)
     if size is None:
         raise BadFrame(f"{path}: not an image of PNG or JPEG; replace it")
@@ -37,6 +40,10 @@ def _decode(path: Path, flags: int, width: int, height: int) -> Array:
     if image is None or image.shape[:2] != (height, width):
         raise BadFrame(f"{path}: not an image that OpenCV can read; replace it")
     return np.asarray(image)
+
+
+def _damaged(path: Path, how: str, data: bytes) -> BadFrame:
+    return BadFrame(f"{path}: the image is {how} ({len(data)} bytes); copy it again")
 
 
 def read_colour(path: Path, width: int, height: int) -> Array:

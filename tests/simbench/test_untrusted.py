@@ -37,13 +37,17 @@ def copy(generated, tmp_path):
     return Path(shutil.copytree(generated, tmp_path / "copy"))
 
 
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
 def png_header(width, height):
+    return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+
+
+def hollow_png(width, height):
     """A PNG that claims a size and holds next to nothing."""
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(
-            ">I", zlib.crc32(kind + data))
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2,
-                                                             0, 0, 0))
+    return (b"\x89PNG\r\n\x1a\n" + png_header(width, height)
             + chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b""))
 
 
@@ -54,9 +58,44 @@ def test_a_few_hundred_spoilt_files_are_read_or_refused(capsys):
 
 def test_a_picture_that_claims_gigabytes_is_refused_by_its_header(tmp_path):
     folder = tum_folder(tmp_path / "tum")
-    (folder / "rgb/1.png").write_bytes(png_header(30_000, 30_000))
+    (folder / "rgb/1.png").write_bytes(hollow_png(30_000, 30_000))
     with pytest.raises(BadFrame, match="30000×30000 pixels"):
         open_sequence(folder).frame(1)
+
+
+PICTURE = cv2.imencode(".png", np.full((HEIGHT, WIDTH, 3), 77, np.uint8))[1].tobytes()
+HEADER_END = 33     # of a PNG: 8 bytes of signature, 25 of the header
+ANIMATION = chunk(b"acTL", struct.pack(">II", 2, 0)) + chunk(
+    b"fcTL", struct.pack(">IIIIIHHBB", 0, 30_000, 30_000, 0, 0, 1, 10, 0, 0))
+
+
+@pytest.mark.parametrize(("more", "why"), [
+    (struct.pack(">I", 2**31 - 1) + b"tEXtno text", "truncated"),    # 2 GB in OpenCV's decoder
+    (png_header(30_000, 30_000), "spoilt, its header"),
+    (chunk(b"IHDR", b""), "spoilt, its header")])
+def test_a_png_whose_chunks_are_not_as_they_should_be_is_refused_undecoded(tmp_path, more, why):
+    folder = tum_folder(tmp_path / "tum")
+    (folder / "rgb/1.png").write_bytes(PICTURE[:HEADER_END] + more + PICTURE[HEADER_END:])
+    with pytest.raises(BadFrame, match=rf"rgb/1\.png: the image is ({why})"):
+        open_sequence(folder).frame(1)
+
+
+def test_only_what_makes_the_pixels_of_a_png_is_decoded(tmp_path):
+    folder = tum_folder(tmp_path / "tum")
+    more = ANIMATION + chunk(b"tEXt", b"Comment\0" + bytes(1000))
+    (folder / "rgb/1.png").write_bytes(PICTURE[:HEADER_END] + more + PICTURE[HEADER_END:] + b"\0")
+    assert (open_sequence(folder).frame(1).rgb == 77).all()
+
+
+def test_an_error_is_one_line_of_a_sensible_length_that_steers_no_terminal(copy):
+    path = copy / "truth.zarr/depth_m/zarr.json"
+    about = json.loads(path.read_text())
+    path.write_text(json.dumps(about | {"data_type": "long " * 900 + "\x1b[2J\n\u202e"}))
+    with pytest.raises(BadFile, match=r"depth_m/zarr\.json: .* generate the sequence again") as why:
+        open_sequence(copy)
+    assert len(str(why.value)) <= 1500
+    assert str(why.value).isprintable()
+    assert str(BadFile("a\x1b[2J\nb")) == "a\\x1b[2J b"
 
 
 def test_the_size_of_an_image_is_read_from_its_header():
