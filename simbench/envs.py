@@ -19,7 +19,7 @@ if TYPE_CHECKING:   # MuJoCo is loaded when an environment is made, not when it 
     from simbench.render import Renderer
     from simbench.world import World
 
-BUILTIN_SCENES = ("Office-v0", "Street-v0", "SwingingBoxes-v0")
+BUILTIN_SCENES = ("Corridor-v0", "Loop-v0", "Office-v0", "Street-v0", "SwingingBoxes-v0")
 MAX_DEPTH_M = 10_000.0
 
 

@@ -21,6 +21,8 @@ from simbench.types import Trajectories
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
+_FEWEST_TO_ALIGN = 3        # fewer positions align onto any others, or but for a distance
+
 
 @dataclass(frozen=True, slots=True)
 class MotionErrors:
@@ -61,7 +63,7 @@ def camera_metrics(camera: CameraEstimates, truth: Trajectories, exact: bool) ->
     if np.any(steps):
         out["coverage"] = len(errors.frame) / int(np.count_nonzero(steps))
     both = camera.pose_known & truth.camera_valid
-    if np.any(both):
+    if np.count_nonzero(both) >= _FEWEST_TO_ALIGN:
         out["ate"] = statistics(ate_errors(camera.T_world_camera[both],
                                            truth.T_world_camera[both])) \
             | {"coverage": int(both.sum()) / int(truth.camera_valid.sum())}

@@ -37,7 +37,7 @@ _ROUND_S = (30.0, 32.5)       # for one time round the block
 _SIDEWAYS_M_S2 = 2.0          # acceleration in turns, at which drivers slow down
 _CRUISE_M_S = 8.5
 _GAP_S = (1.9, 9.0)           # cars ahead keep this time from the camera, whatever the dials say
-_PARKED = 14
+_PARKED, _PEOPLE = 14, 16
 _ROLES = ("oncoming", "ahead", "oncoming", "oncoming", "oncoming", "ahead", "oncoming", "oncoming")
 
 DIALS = (
@@ -46,7 +46,7 @@ DIALS = (
     Dial("camera_speed", 1.0, 0.0, 3.0, "of the camera's car; at 1 it is round in 300 to 325 "
          "frames"),
     Dial("objects", 5.0, 0.0, float(len(_ROLES)), "number of driving cars", integer=True),
-    Dial("people", 8.0, 0.0, 16.0, "number of people on the pavements", integer=True),
+    Dial("people", 8.0, 0.0, float(_PEOPLE), "number of people on the pavements", integer=True),
 )
 
 _FACADES = ("brick", "plaster", "blocks", "siding", "concrete", "rubble", "timber", "tiles",
@@ -205,4 +205,5 @@ register_scene(
     description="once round a block of a town with cars and people, and on where it began; "
                 "for stereo and loop closing",
     mjcf="loop.xml", build=build, dials=DIALS,
-    width=1216, height=368, fps=10.0, frames=360)
+    width=1216, height=368, fps=10.0, frames=360,
+    most_objects=len(_ROLES) + _PARKED + _PEOPLE)

@@ -47,6 +47,7 @@ _START_M = {"turning": (39.0, 46.0), "straight": (18.0, 25.0)}   # the camera's 
 _STOP_PERIOD_S = 12.0      # from one standstill of stopped traffic to the next
 _GAP_M = (8.5, 60.0)       # cars ahead keep this distance from the camera, whatever the dials say
 _PARKED = 14               # a block of 80 m
+_CYCLISTS = 3
 # In this order cars join as `objects` grows.
 _ROLES = ("ahead", "oncoming", "turning", "ahead", "oncoming", "oncoming", "oncoming", "ahead",
           "oncoming", "oncoming", "oncoming", "oncoming")
@@ -59,7 +60,8 @@ DIALS = (
     choice_dial("surroundings", SURROUNDINGS, "beside the road: houses, open fields or tall trees"),
     choice_dial("route", ROUTES, "round a corner after some seconds, or straight on"),
     choice_dial("traffic", TRAFFIC, "stopped: camera and cars come to a stand and start again"),
-    Dial("cyclists", 0.0, 0.0, 3.0, "number of people on bicycles, who pedal", integer=True),
+    Dial("cyclists", 0.0, 0.0, float(_CYCLISTS), "number of people on bicycles, who pedal",
+         integer=True),
     Dial("limbs", 1.0, 0.0, 1.0, "share of their usual way that cyclists' feet go round; below 1 "
          "their wheels slide, at 0 they are rigid"),
 )
@@ -79,7 +81,7 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
         add_car_meshes(spec, shape, flaps=opening > 0.0)
     raise_sun(spec, generator(seed, 1))
     parked = park_cars(spec, generator(seed, 2), _parking_spots(plan),
-                       round(_PARKED * plan.width_m / _WIDTHS_M["turning"]))
+                       _parked_on(route))
     clock = _flowing if TRAFFIC[int(dials["traffic"])] == "flowing" else StopAndGo(
         _STOP_PERIOD_S, float(generator(seed, 6).uniform(0.0, 2.0)))
     ego = _Ego.draw(generator(seed, 3), plan, _START_M[route], clock, dials["camera_speed"])
@@ -100,6 +102,10 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     return Staging(script, (*driving, *parked, *(each.object for each in cyclists)),
                    shortest_edge_m=0.25, edgeless=("leaves", *(
                        material for each in cyclists for material in each.edgeless)))
+
+
+def _parked_on(route: str) -> int:
+    return round(_PARKED * _WIDTHS_M[route] / _WIDTHS_M["turning"])
 
 
 def _flowing(time_s: float) -> float:
@@ -236,4 +242,5 @@ register_scene(
     name="Street-v0",
     description="a town street with driving, oncoming, turning and parked cars, seen from a car",
     mjcf="street.xml", build=build, dials=DIALS,
-    width=1216, height=368, fps=10.0, frames=100, most_objects=len(_ROLES) + _PARKED)
+    width=1216, height=368, fps=10.0, frames=100,
+    most_objects=len(_ROLES) + _CYCLISTS + max(_parked_on(route) for route in ROUTES))

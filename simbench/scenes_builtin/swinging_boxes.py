@@ -35,11 +35,13 @@ _LOOKS = {   # material: the textures that a seed may give it
 _POSTERS = ("poster_a", "poster_b", "poster_c", "poster_d")
 _MOVABLE = ("chair a", "chair b", "low table", "crates")
 
+_MOST_BOXES = 20
+
 DIALS = (
     Dial("rigidity", 1.0, 0.0, 1.0, "below 1 the ends of every box are flaps that open and close"),
     Dial("speed", 1.0, 0.0, 4.0, "swinging and spinning, as a factor of the natural speed"),
     Dial("camera_speed", 1.0, 0.0, 4.0, "camera motion, as a factor of a calm hand's"),
-    Dial("objects", 4.0, 1.0, 20.0, "number of boxes; more are smaller", integer=True),
+    Dial("objects", 4.0, 1.0, float(_MOST_BOXES), "number of boxes; more are smaller", integer=True),
 )
 
 
@@ -246,4 +248,4 @@ register_scene(
     name="SwingingBoxes-v0",
     description="textured boxes swing and spin on strings in a furnished room; hand-held camera",
     mjcf="swinging_boxes.xml", build=build, dials=DIALS,
-    width=640, height=480, fps=30.0, frames=300)
+    width=640, height=480, fps=30.0, frames=300, most_objects=_MOST_BOXES)

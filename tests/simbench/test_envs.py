@@ -17,6 +17,7 @@ from simbench.envs import BUILTIN_SCENES, SceneEnv
 from simbench.errors import UnknownName, UserError
 from simbench.motion import look_at
 from simbench.scene import list_scenes
+from simbench.world import make_world
 from slam.geometry import se3
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -56,6 +57,17 @@ def test_gymnasium_finds_nothing_wrong(scene):
     made.close()
 
 
+@pytest.mark.parametrize("name", BUILTIN_SCENES)
+def test_truth_has_room_for_all_that_the_dials_allow(name):
+    spec = scene.find_scene(name)
+    most = [{dial.name: dial.high for dial in spec.dials if dial.integer and not dial.choices}]
+    choices = {dial.name: dial.choices for dial in spec.dials if dial.choices}
+    most += [most[0] | {key: value} for key, values in choices.items() for value in values[1:]]
+    counts = [len(make_world(spec, 0, spec.resolve_dials(dials), (64, 48), spec.fps).layout.objects)
+              for dials in most]
+    assert max(counts) <= spec.most_objects
+
+
 def test_an_episode_as_documented(env):
     observation, info = env.reset(seed=0)
     assert set(observation) == {"rgb", "depth", "instance", "flow", "time"}
@@ -77,7 +89,7 @@ def test_truth_travels_in_info(env):
     truth = info["truth"]
     objects, edges = truth["objects"], truth["edges"]
     assert objects["valid"].sum() == 4
-    assert objects["T_world_object"].shape == (16, 4, 4)
+    assert objects["T_world_object"].shape == (20, 4, 4)    # as many boxes as the dial allows
     assert edges["valid"].any()
     assert not edges["endpoints_px"][~edges["valid"]].any()
     # Labels are shuffled; the map leads each back to its object.
