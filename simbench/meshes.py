@@ -49,7 +49,7 @@ class MeshBuilder:
         corners = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
         self._corners.append(corners)
         self._uv.append(np.full((len(corners), 4, 2), np.nan) if uv is None else uv)
-        self._scale.append(np.tile([scale, *np.asarray(shift)], (len(corners), 1)))
+        self._scale.append(np.broadcast_to([scale, *np.asarray(shift)], (len(corners), 3)))
 
     def box(self, centre: ArrayLike, size: ArrayLike, R: Array | None = None, scale: float = 1.0,
             shift: ArrayLike = (0.0, 0.0), fit: bool = False, tile_m: float | None = None) -> None:
@@ -89,8 +89,8 @@ class MeshBuilder:
         index = np.arange(4 * len(corners)).reshape(-1, 4)
         faces = np.concatenate([index[:, [0, 1, 2]], index[:, [0, 2, 3]]])
         triangle = corners.reshape(-1, 3)[faces]
-        area = np.linalg.norm(np.cross(triangle[:, 1] - triangle[:, 0],
-                                       triangle[:, 2] - triangle[:, 0]), axis=1)
+        area = np.linalg.norm(_cross(triangle[:, 1] - triangle[:, 0],
+                                     triangle[:, 2] - triangle[:, 0]), axis=1)
         mesh = spec.add_mesh(name=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         mesh.uservert = corners.reshape(-1).tolist()
         mesh.usernormal = normals.reshape(-1).tolist()
@@ -187,7 +187,14 @@ def bake_static_boxes(spec: mujoco.MjSpec, tile_m: float = 0.8) -> None:
 
 def _diagonals_cross(corners: Array) -> Array:
     """(Q, 3) along the normal; it also serves a triangle given as a quad with a double corner."""
-    return np.asarray(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]))
+    return _cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """(Q, 3) a × b; for meshes of few faces NumPy's own takes ten times as long."""
+    x, y, z = a[:, 0], a[:, 1], a[:, 2]
+    u, v, w = b[:, 0], b[:, 1], b[:, 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
 def _quad_normals(corners: Array) -> Array:

@@ -54,8 +54,8 @@ class Wall:
 
     def at(self, s: float, z: float, out: float = 0.0) -> list[float]:
         # Outwards is to the right of the wall's direction.
-        x, y = self.origin + s * self.along + out * np.array([self.along[1], -self.along[0]])
-        return [float(x), float(y), self.base + z]
+        (x, y), (dx, dy) = self.origin.tolist(), self.along.tolist()
+        return [x + s * dx + out * dy, y + s * dy - out * dx, self.base + z]
 
     def quad(self, s0: float, s1: float, z0: float, z1: float, out: float = 0.0) -> Array:
         return np.array([self.at(s0, z0, out), self.at(s1, z0, out), self.at(s1, z1, out),

@@ -41,7 +41,8 @@ DIALS = (
     Dial("rigidity", 1.0, 0.0, 1.0, "below 1 the ends of every box are flaps that open and close"),
     Dial("speed", 1.0, 0.0, 4.0, "swinging and spinning, as a factor of the natural speed"),
     Dial("camera_speed", 1.0, 0.0, 4.0, "camera motion, as a factor of a calm hand's"),
-    Dial("objects", 4.0, 1.0, float(_MOST_BOXES), "number of boxes; more are smaller", integer=True),
+    Dial("objects", 4.0, 1.0, float(_MOST_BOXES), "number of boxes; more are smaller",
+         integer=True),
 )
 
 

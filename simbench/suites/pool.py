@@ -47,7 +47,7 @@ def local_workers(count: int) -> Iterator[Workers]:
     executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"),
                                    initializer=start_worker, initargs=(threads,))
     try:
-        yield Workers(executor, count)
+        yield Workers(executor, count + 1)      # no worker waits while results are written
     except BaseException:
         for process in list((executor._processes or {}).values()):
             process.terminate()     # of a task that is cut short only its scratch folder is left

@@ -48,11 +48,12 @@ def test_every_scene_has_its_environment():
     assert {f"simbench/{name}" for name in names} <= set(gymnasium.registry)
 
 
-@pytest.mark.parametrize("scene", BUILTIN_SCENES)
-def test_gymnasium_finds_nothing_wrong(scene):
+@pytest.mark.parametrize("name", BUILTIN_SCENES)
+def test_gymnasium_finds_nothing_wrong(name):
+    counts = {"objects", "people"} & {d.name for d in scene.find_scene(name).dials if not d.choices}
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        made = gymnasium.make(f"simbench/{scene}", **SMALL)
+        warnings.simplefilter("error")      # few objects, since the checker makes many worlds
+        made = gymnasium.make(f"simbench/{name}", **SMALL, **dict.fromkeys(counts, 1))
         check_env(made.unwrapped)
     made.close()
 
