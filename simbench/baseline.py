@@ -11,9 +11,9 @@ from typing import Any
 from simbench.errors import BadFile, UserError
 from simbench.metric_names import COVERAGES, SHOWN, Metric, find_metric, flat_metrics
 from simbench.run_folder import read_metrics
-from simbench.run_to_folder import versions
 from simbench.storage import write_json
 from simbench.untrusted import read_json_object, read_yaml
+from simbench.versions import versions
 
 SCHEMA = 1
 _MOST_BYTES = 50_000_000

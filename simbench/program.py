@@ -17,7 +17,8 @@ import psutil
 
 from simbench import run_folder
 from simbench.errors import BadFile, UnknownName, UserError
-from simbench.run_to_folder import Outcome, score_to_folder
+from simbench.outcome import Outcome
+from simbench.score_to_folder import score_to_folder
 from simbench.sequence import Sequence
 
 PREFIX = "command:"

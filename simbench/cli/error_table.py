@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from simbench.outcome import Outcome
     from simbench.report.table import ErrorTable
-    from simbench.run_to_folder import Outcome
 
 
 def print_table(table: ErrorTable, console: Console | None = None) -> None:

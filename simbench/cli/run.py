@@ -27,8 +27,8 @@ from simbench.cli.options import (
 from simbench.errors import UnknownName, UserError
 
 if TYPE_CHECKING:
+    from simbench.outcome import Outcome
     from simbench.program import Limits
-    from simbench.run_to_folder import Outcome
     from simbench.sequence import Sequence
 
 
@@ -73,10 +73,11 @@ def run_command(
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
         scene: TrustedScene = None) -> None:
     """Run a system and score it against the truth."""
+    from simbench.captured_log import captured_log
     from simbench.cli.progress import frame_progress
     from simbench.inputs import Feed, InputChoice
     from simbench.program import PREFIX, Limits
-    from simbench.run_to_folder import captured_log, run_to_folder
+    from simbench.run_to_folder import run_to_folder
 
     trust_scene(scene)
     dials = collect_dials(dial, texture, rigidity)

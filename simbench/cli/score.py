@@ -22,7 +22,7 @@ def score_command(
         calibration: Calibration = None) -> None:
     """Score estimates of any program."""
     from simbench.cli.error_table import print_outcome
-    from simbench.run_to_folder import score_to_folder
+    from simbench.score_to_folder import score_to_folder
     from simbench.sequence import open_sequence
 
     sequence = open_sequence(truth, calibration)

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from simbench.inputs import InputChoice
-from simbench.run_to_folder import versions
 from simbench.suites.spec import Point, SequenceSpec, Suite, value_text
+from simbench.versions import versions
 
 _RUNS_A_TASK = 6     # more would be lost where a worker is killed
 

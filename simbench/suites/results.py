@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from simbench.metric_names import COVERAGES, METRICS, Metric
-from simbench.run_to_folder import versions
 from simbench.statistics import mean_interval, seeds_needed
 from simbench.suites.jobs import Run
 from simbench.suites.spec import Suite
+from simbench.versions import versions
 
 SCHEMA = 1
 RESOLUTION = 0.05    # of a mean; for which the number of seeds is told if none is asked for

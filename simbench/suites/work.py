@@ -16,9 +16,10 @@ from typing import Any
 from simbench.errors import UserError
 from simbench.inputs import Feed
 from simbench.metric_names import flat_metrics
+from simbench.outcome import Outcome
 from simbench.program import PREFIX, UNLIMITED, Limits, run_program
 from simbench.remote import local_folder
-from simbench.run_to_folder import Outcome, run_to_folder
+from simbench.run_to_folder import run_to_folder
 from simbench.sensors.spec import find_sensor
 from simbench.sequence import Sequence, open_sequence
 from simbench.suites.cache import SequenceCache, scratch_folder

@@ -9,8 +9,8 @@ from simbench.errors import BadFile, UserError
 from simbench.external import read_camera, read_motions
 from simbench.run import run, score
 from simbench.run_folder import motion_lines, pose_lines, read_metrics
-from simbench.run_to_folder import score_to_folder
 from simbench.score import Online
+from simbench.score_to_folder import score_to_folder
 from simbench.trajectory_files import tum_lines
 from slam.geometry import se3
 from synthetic import PerturbedTruth, SyntheticFeed, SyntheticSequence, world
