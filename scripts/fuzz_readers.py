@@ -44,8 +44,8 @@ MOST_CHARACTERS = 1500
 _TOKENS = (b"1e309", b"nan", b"-1", b"0", b"1e300", b"99999999999999999999", b"-2147483649",
            b"4e9", b"0.5", b"../../../etc/passwd", b"/etc/passwd", b"[", b"{", b"]", b"}", b"\0",
            b"\xff\xfe", b"\xd9\xa3", b"&a [*a, *a]", b"!!python/object/apply:os.system [id]",
-           b"2001-99-99", b"null", b"true", b'""', b"NaN", b"Infinity", b":", b"#", b"\n\n", b" ",
-           b"[" * 3000)
+           b"2001-99-99", b"null", b"true", b'""', b"NaN", b"Infinity", b".inf", b"1.5",
+           b":", b"#", b"\n\n", b" ", b"[" * 3000)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from simbench.errors import BadFile, UserError
 from simbench.metric_names import COVERAGES, SHOWN, Metric, find_metric, flat_metrics
 from simbench.run_folder import read_metrics
+from simbench.stated import MOST_SEED, mapping, number, text, whole
 from simbench.storage import write_json
 from simbench.untrusted import read_json_object, read_yaml
 from simbench.versions import versions
@@ -105,25 +105,21 @@ def read_baseline(path: Path) -> Baseline:
 
 def _metric(name: str, value: Mapping[str, Any]) -> Metric:
     known = find_metric(name)
-    tolerance = _finite(value["tolerance"])
+    tolerance = number(value["tolerance"], "tolerance")
     if value["better"] not in ("lower", "higher") or tolerance < 0:
-        raise ValueError(f"metric {name}")
+        raise ValueError(f"metric {name:.40}")
     return Metric(name, known.unit, value["better"], tolerance, bool(value["relative"]),
                   known.floor, known.help)
 
 
 def _run(value: Mapping[str, Any]) -> BlessedRun:
-    return BlessedRun(str(value["case"]), dict(value["point"]), str(value["system"]),
-                      int(value["seed"]), dict(value["asked"]), str(value["status"]),
-                      str(value["given_sha256"]),
-                      {str(k): _finite(v) for k, v in value["values"].items()})
-
-
-def _finite(value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not finite")
-    return number
+    return BlessedRun(
+        text(value["case"], "case"), mapping(value["point"], "point"),
+        text(value["system"], "system"), whole(value["seed"], "seed", 0, MOST_SEED),
+        mapping(value["asked"], "asked"), text(value["status"], "status"),
+        text(value["given_sha256"], "given_sha256"),
+        {name: number(found, f"{name:.40}")
+         for name, found in mapping(value["values"], "values").items()})
 
 
 def _of_suite(place: Path) -> Baseline:
@@ -151,8 +147,9 @@ def _of_run(place: Path) -> Baseline:
         if "/" in str(asked.get("source", "")):
             asked["source"] = name      # a folder may lie elsewhere
         status = "done" if found.get("camera", {}).get("coverage") else "lost"
-        run = _blessed(name, {}, str(found["system"]), int(config.get("seed", 0)), asked, status,
-                       found["sequence"], flat_metrics(found), metrics)
+        seed = whole(config.get("seed", 0), "seed", 0, MOST_SEED)
+        run = _blessed(name, {}, str(found["system"]), seed, asked, status, found["sequence"],
+                       flat_metrics(found), metrics)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise BadFile(f"{place}: not a run of this version ({type(error).__name__}); run it again"
                       ) from None

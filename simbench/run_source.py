@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from simbench.errors import BadFile
-from simbench.scene import SceneSpec, known_scene
-from simbench.untrusted import read_yaml
+from simbench.scene import SceneSpec, is_scene_name, known_scene
+from simbench.stated import MOST_FRAMES, MOST_SEED, items, mapping, number, whole
+from simbench.untrusted import MOST_SIDE_PX, read_yaml
 from simbench.world import World, make_world
 
-_SCENE = re.compile(r"[A-Za-z]\w*-v\d+|.+:[A-Za-z]\w*-v\d+")
+_FASTEST_HZ = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,16 @@ def read_source(folder: Path) -> RunSource | None:
     try:
         config = read_yaml(path, "run it again")
         name, size, fps = str(config["source"]), config.get("size"), config.get("fps")
-        if not _SCENE.fullmatch(name):
+        if not is_scene_name(name):
             return None
-        return RunSource(known_scene(name), int(config.get("seed", 0)), int(config["frames"]),
-                         None if size is None else (int(size[0]), int(size[1])),
-                         None if fps is None else float(fps), dict(config.get("dials") or {}))
-    except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
+        width, height = (None, None) if size is None else items(size, "size", 2)
+        return RunSource(
+            known_scene(name), whole(config.get("seed", 0), "seed", 0, MOST_SEED),
+            whole(config["frames"], "frames", 1, MOST_FRAMES),
+            None if size is None else (whole(width, "size", 1, MOST_SIDE_PX),
+                                       whole(height, "size", 1, MOST_SIDE_PX)),
+            None if fps is None else number(fps, "fps", _FASTEST_HZ),
+            mapping(config.get("dials") or {}, "dials"))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise BadFile(f"{path}: not of a run of this version ({type(error).__name__}); run it again"
                       ) from None

@@ -208,6 +208,12 @@ def find_scene(name: str) -> SceneSpec:
     return _SCENES[short]
 
 
+def is_scene_name(name: str) -> bool:
+    """Whether it names a scene, perhaps with its file or module before a colon."""
+    place, colon, short = name.rpartition(":")
+    return bool(_NAME.fullmatch(short)) and (bool(place) or not colon)
+
+
 def known_scene(name: str) -> SceneSpec:
     """The scene of that name as a file names it, which may come from a stranger: nothing is run.
 

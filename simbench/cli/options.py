@@ -36,6 +36,22 @@ TrustedScene = Annotated[str | None, typer.Option(
     "--scene", metavar="FILE.py:NAME",
     help="The scene of your own that the sequence was drawn from. It is never run unasked.")]
 
+Systems = Annotated[str | None, typer.Option(
+    "--systems", metavar="a,b", help="Other systems than the suite's.")]
+Seeds = Annotated[str | None, typer.Option(
+    "--seeds", metavar="0-9", help="Other seeds than the suite's.")]
+Processes = Annotated[int | None, typer.Option(
+    "--workers", min=1, help="Processes; one for each processor by default, one alone where a "
+                             "table measures time.")]
+Dask = Annotated[str, typer.Option(
+    "--dask", metavar="ADDRESS", help="The scheduler of a Dask cluster to run on.")]
+Cache = Annotated[str, typer.Option(
+    "--cache", metavar="PLACE", help="Folder or URL (fsspec) that keeps rendered sequences.")]
+Reports = Annotated[str, typer.Option(
+    "--reports", help="Which runs get a report.html: of the first seed, all or none.")]
+Resume = Annotated[bool, typer.Option(
+    "--resume", help="Go on where a killed suite stopped; of a table, or add another one of the "
+                     "same suite.")]
 TimeLimit = Annotated[float | None, typer.Option(
     "--time-limit", min=0.1, metavar="SECONDS",
     help="End a command:\"program …\" that takes longer; the run is lost.")]

@@ -7,8 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simbench.cli.options import MemoryLimit, Size, TimeLimit, parse_size
-from simbench.cli.suite import split_systems, tell_trouble, where_of
+from simbench.cli.options import (
+    Cache,
+    Dask,
+    MemoryLimit,
+    Processes,
+    Reports,
+    Resume,
+    Seeds,
+    Size,
+    Systems,
+    TimeLimit,
+)
+from simbench.cli.suite_options import changes_of, tell_trouble, where_of
 
 if TYPE_CHECKING:
     from simbench.reproduce.side_by_side import Reproduction
@@ -18,28 +29,12 @@ def reproduce_command(
         name: Annotated[str, typer.Argument(
             metavar="TABLE", help="As `simbench list` names it, such as sdpl-table1.")],
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write.")],
-        systems: Annotated[str | None, typer.Option(
-            "--systems", metavar="a,b", help="Other systems than the table's.")] = None,
-        seeds: Annotated[str | None, typer.Option(
-            "--seeds", metavar="0-9", help="0-4 by default.")] = None,
+        systems: Systems = None, seeds: Seeds = None,
         frames: Annotated[int | None, typer.Option(
             "--frames", min=2, help="Of the longest sequence; shorter ones keep their share. A "
                                     "short run is the default.")] = None,
-        size: Size = None,
-        workers: Annotated[int | None, typer.Option(
-            "--workers", min=1, help="Processes; one for each processor by default, one alone "
-                                     "where time is measured.")] = None,
-        dask: Annotated[str, typer.Option(
-            "--dask", metavar="ADDRESS", help="The scheduler of a Dask cluster to run on.")] = "",
-        cache: Annotated[str, typer.Option(
-            "--cache", metavar="PLACE",
-            help="Folder or URL (fsspec) that keeps rendered sequences.")] = "",
-        reports: Annotated[str, typer.Option(
-            "--reports", help="Which runs get a report.html: of the first seed, all or none."
-        )] = "first",
-        resume: Annotated[bool, typer.Option(
-            "--resume", help="Go on where a killed run stopped, or add another table of the same "
-                             "suite.")] = False,
+        size: Size = None, workers: Processes = None, dask: Dask = "", cache: Cache = "",
+        reports: Reports = "first", resume: Resume = False,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
 ) -> None:
     """Measure a paper's table on synthetic counterparts and set it beside the printed one."""
@@ -47,15 +42,12 @@ def reproduce_command(
     from simbench.reproduce.run_table import reproduce, suite_of
     from simbench.reproduce.table import load_table
     from simbench.suites.jobs import runs_of
-    from simbench.suites.spec import parse_seeds
 
     table = load_table(name)
     if workers is None and not dask and table.measures_time:
         workers = 1
     where = where_of(workers, dask, cache, reports, time_limit, memory_limit)
-    suite = suite_of(table, systems=None if systems is None else split_systems(systems),
-                     seeds=None if seeds is None else parse_seeds(seeds), frames=frames,
-                     size=parse_size(size))
+    suite = suite_of(table, **changes_of(systems, seeds, frames, size))
     runs = runs_of(suite)
     typer.echo(f"{table.title}: {len(suite.cases)} sequences, {len(suite.seeds)} seeds, "
                f"{len(suite.systems)} systems, {len(runs)} runs", err=True)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simbench.cli.options import MemoryLimit, Size, TimeLimit, parse_size
+from simbench.cli.options import (
+    Cache,
+    Dask,
+    MemoryLimit,
+    Processes,
+    Reports,
+    Resume,
+    Seeds,
+    Size,
+    Systems,
+    TimeLimit,
+)
+from simbench.cli.suite_options import changes_of, tell_trouble, where_of
 from simbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,25 +32,11 @@ def suite_command(
             metavar="NAME", help="As `simbench list` names it, a YAML file, or `break`: search the "
                                  "value of --dial at which each system crosses --limit.")],
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write.")],
-        systems: Annotated[str | None, typer.Option(
-            "--systems", metavar="a,b", help="Other systems than the suite's.")] = None,
-        seeds: Annotated[str | None, typer.Option(
-            "--seeds", metavar="0-9", help="Other seeds than the suite's.")] = None,
-        workers: Annotated[int | None, typer.Option(
-            "--workers", min=1, help="Processes; one for each processor by default.")] = None,
-        dask: Annotated[str, typer.Option(
-            "--dask", metavar="ADDRESS", help="The scheduler of a Dask cluster to run on.")] = "",
-        resume: Annotated[bool, typer.Option(
-            "--resume", help="Go on where a killed suite stopped.")] = False,
+        systems: Systems = None, seeds: Seeds = None, workers: Processes = None, dask: Dask = "",
+        resume: Resume = False,
         frames: Annotated[int | None, typer.Option(
             "--frames", min=1, help="Only so many frames of each sequence.")] = None,
-        size: Size = None,
-        cache: Annotated[str, typer.Option(
-            "--cache", metavar="PLACE",
-            help="Folder or URL (fsspec) that keeps rendered sequences.")] = "",
-        reports: Annotated[str, typer.Option(
-            "--reports", help="Which runs get a report.html: of the first seed, all or none."
-        )] = "first",
+        size: Size = None, cache: Cache = "", reports: Reports = "first",
         resolution: Annotated[float, typer.Option(
             "--resolution", min=0.1, metavar="PERCENT",
             help="Of a mean; for which the page tells how many seeds are needed.")] = 5.0,
@@ -66,55 +63,21 @@ def suite_command(
     from simbench.suites.run_suite import run_suite
 
     where = where_of(workers, dask, cache, reports, time_limit, memory_limit)
+    changes = changes_of(systems, seeds, frames, size)
     search = {"--dial": dial, "--limit": limit, "--scene": scene, "--flow": flow,
               "--sensor": sensor, "--from": start, "--to": end}
     if name == "break":
-        suite = changed(_searched(scene or "SwingingBoxes-v0", flow or "dis",
-                                  sensor or "gaussian", limit), systems, seeds, frames, size)
-        _break(suite, dial, limit, start, end, out, where, resume)
+        suite = _searched(scene or "SwingingBoxes-v0", flow or "dis", sensor or "gaussian", limit)
+        _break(suite.changed(**changes), dial, limit, start, end, out, where, resume)
         return
     for option, value in search.items():
         if value is not None:
             raise UserError(f"{option}: is for `simbench suite break`; a suite's file says it")
-    suite = changed(load_suite(name), systems, seeds, frames, size)
+    suite = load_suite(name).changed(**changes)
     with run_progress(suite.name, _count(suite)) as show:
         results = run_suite(suite, out, where, resume=resume, resolution=resolution / 100.0,
                             on_run=show)
     _tell(results, out)
-
-
-def where_of(workers: int | None, dask: str, cache: str, reports: str,
-             time_limit: float | None, memory_limit: float | None) -> Where:
-    """How the runs are worked off, from the options. Raises UserError."""
-    from simbench.program import Limits
-    from simbench.suites.run_suite import Where
-
-    if reports not in ("first", "all", "none"):
-        raise UserError(f"--reports {reports}: wanted first, all or none")
-    if dask and workers is not None:
-        raise UserError("--workers: the cluster has its own workers; leave it out with --dask")
-    return Where(workers, dask, cache, reports, Limits(time_limit, memory_limit))
-
-
-def changed(suite: Suite, systems: str | None, seeds: str | None, frames: int | None,
-            size: str | None) -> Suite:
-    """The suite with what the command line says otherwise."""
-    from simbench.suites.spec import parse_seeds
-
-    return suite.changed(systems=None if systems is None else split_systems(systems),
-                         seeds=None if seeds is None else parse_seeds(seeds), frames=frames,
-                         size=parse_size(size))
-
-
-def split_systems(text: str) -> tuple[str, ...]:
-    """"a,b" to its names; a comma within quotes divides nothing. Raises UserError."""
-    outside_quotes = r",(?=(?:[^\"']|\"[^\"]*\"|'[^']*')*$)"
-    names = tuple(each.strip() for each in re.split(outside_quotes, text))
-    if not all(names):
-        raise UserError(f"--systems {text!r}: wanted names with commas between, as in sdpl,vdo")
-    if len(set(names)) < len(names):
-        raise UserError(f"--systems {text!r}: a system is named twice")
-    return names
 
 
 def _searched(scene: str, flow: str, sensor: str, limit: str | None) -> Suite:
@@ -160,13 +123,3 @@ def _tell(results: dict[str, Any], out: Path) -> None:
     typer.echo("means over the seeds [95 % by bootstrap]")
     typer.echo(f"report: {out / 'report.html'}")
     tell_trouble(results)
-
-
-def tell_trouble(results: dict[str, Any]) -> None:
-    """Exit code 1, and why, where a run was lost or failed."""
-    bad = [run for run in results["runs"] if run["status"] != "done"]
-    if bad:
-        first = bad[0]
-        typer.echo(f"error: {len(bad)} of {len(results['runs'])} runs lost or failed, first: "
-                   f"{first['folder']}: {first['reason']}", err=True)
-        raise typer.Exit(1)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simbench.errors import BadFile
+from simbench.stated import MOST_FRAMES, MOST_SEED, items, mapping, number, text, whole
 from simbench.storage import MANIFEST, SCHEMA
 from simbench.types import ObjectInfo
 from simbench.untrusted import MOST_SIDE_PX, read_json_object
@@ -17,8 +17,8 @@ if TYPE_CHECKING:      # needs MuJoCo; frames and poses do not
     from simbench.world import World
 
 _AGAIN = "generate the sequence again"
-_MOST_FRAMES = 1_000_000
 _MOST_BYTES = 200_000_000
+_FARTHEST = 1e9
 _MOST_ID = 65535        # masks are 16-bit images
 
 
@@ -64,53 +64,22 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _manifest(said: Mapping[str, Any]) -> Manifest:
-    width, height = _list(said["size"], "size")
+    width, height = items(said["size"], "size", 2)
     return Manifest(
-        said, _text(said["scene"], "scene"), _whole(said["seed"], "seed", 0, 2**63),
-        _whole(said["frames"], "frames", 1, _MOST_FRAMES),
-        (_whole(width, "size", 8, MOST_SIDE_PX), _whole(height, "size", 8, MOST_SIDE_PX)),
-        _number(said["fps"], "fps"), _text(said["sensor"], "sensor"),
-        {name: _number(value, f"dial {name:.40}") for name, value in
-         _mapping(said["dials"], "dials").items()},
+        said, text(said["scene"], "scene"), whole(said["seed"], "seed", 0, MOST_SEED),
+        whole(said["frames"], "frames", 1, MOST_FRAMES),
+        (whole(width, "size", 8, MOST_SIDE_PX), whole(height, "size", 8, MOST_SIDE_PX)),
+        number(said["fps"], "fps", _FARTHEST), text(said["sensor"], "sensor"),
+        {name: number(value, f"dial {name:.40}", _FARTHEST) for name, value in
+         mapping(said["dials"], "dials").items()},
         bool(said["stereo"]),
-        tuple(_object(each) for each in _list(said["objects"], "objects")),
-        {name: _text(value, "files") for name, value in _mapping(said["files"], "files").items()})
+        tuple(_object(each) for each in items(said["objects"], "objects")),
+        {name: text(value, "files") for name, value in mapping(said["files"], "files").items()})
 
 
 def _object(said: Any) -> ObjectInfo:
-    values = _mapping(said, "an object")
-    return ObjectInfo(_whole(values["instance_id"], "instance_id", 1, _MOST_ID),
-                      _text(values["name"], "name"), _whole(values["root_part"], "root_part", 0,
-                                                            _MOST_ID),
-                      bool(values["rigid"]), _text(values.get("category", ""), "category"))
-
-
-def _whole(value: Any, key: str, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ValueError(f"{key} is {value!r:.40}, wanted a whole number from {low} to {high}")
-    return value
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) \
-            or not math.isfinite(value) or abs(value) > 1e9:
-        raise ValueError(f"{key} is {value!r:.40}, wanted a number")
-    return value
-
-
-def _text(value: Any, key: str) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"{key} is {value!r:.40}, wanted a text")
-    return value
-
-
-def _list(value: Any, key: str) -> list[Any]:
-    if not isinstance(value, list) or (key == "size" and len(value) != 2):
-        raise ValueError(f"{key} is {value!r:.40}, wanted a list")
-    return value
-
-
-def _mapping(value: Any, key: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{key} is {value!r:.40}, wanted a mapping")
-    return value
+    values = mapping(said, "an object")
+    return ObjectInfo(whole(values["instance_id"], "instance_id", 1, _MOST_ID),
+                      text(values["name"], "name"),
+                      whole(values["root_part"], "root_part", 0, _MOST_ID),
+                      bool(values["rigid"]), text(values.get("category", ""), "category"))

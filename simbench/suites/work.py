@@ -98,6 +98,7 @@ def _run_ours(run: Run, sequence: Sequence, report: bool, out: Path) -> Outcome:
     return run_to_folder(run.system, feed, out, settings=run.settings, report=report,
                          command={"case": run.case, "point": dict(run.point),
                                   "source": run.sequence.scene or run.sequence.folder,
+                                  "size": run.sequence.size, "fps": run.sequence.fps,
                                   "dials": dict(run.sequence.dials)})
 
 

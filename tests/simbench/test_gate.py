@@ -103,7 +103,9 @@ def test_what_is_not_the_same_is_not_compared(now, message):
     "", "{", "[]", "{}", '{"schema": 1}', '{"schema": 1, "name": "x", "metrics": {}, "runs": 5}',
     '{"schema": 1, "name": "x", "metrics": {"camera.E_t": {"better": "red", "tolerance": 0}}, '
     '"runs": []}', '{"schema": 1, "name": "x", "metrics": {"camera.E_t": {"better": "lower", '
-    '"relative": true, "tolerance": NaN}}, "runs": []}', "[" * 100_000])
+    '"relative": true, "tolerance": NaN}}, "runs": []}', "[" * 100_000,
+    '{"schema": 1, "name": "x", "metrics": {}, "runs": [{"case": "a", "point": {}, "system": "s", '
+    '"seed": 1e309, "asked": {}, "status": "done", "given_sha256": "0", "values": {}}]}'])
 def test_a_broken_baseline_is_one_line(tmp_path, text):
     path = tmp_path / "baseline.json"
     path.write_text(text)

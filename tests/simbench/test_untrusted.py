@@ -18,6 +18,7 @@ from simbench.cli import main
 from simbench.datasets.calibration import read_calibration
 from simbench.datasets.image_header import image_size
 from simbench.errors import BadFile, BadFrame, UserError
+from simbench.run_source import read_source
 from simbench.sequence import open_sequence
 from simbench.suites.files import read_suite
 from test_measuring_scripts import script
@@ -199,6 +200,14 @@ def test_yaml_that_is_a_trap_is_one_line(tmp_path, text):
             read(path)
         assert "\n" not in str(raised.value)
         assert len(str(raised.value)) < 700
+
+
+@pytest.mark.parametrize("said", ["frames: .inf", "frames: 2\nseed: .inf", "frames: 2\nfps: 1e+99",
+                                  "frames: 2\nsize: [.inf, 8]", "frames: 2\ndials: 3"])
+def test_numbers_of_a_run_that_are_none_are_refused(tmp_path, said):
+    (tmp_path / "config.yaml").write_text(f"source: SwingingBoxes-v0\n{said}\n")
+    with pytest.raises(BadFile, match=r"config\.yaml"):
+        read_source(tmp_path)
 
 
 @pytest.mark.parametrize(("old", "new"), [
