@@ -19,7 +19,7 @@ from simbench.cli.options import (
     Systems,
     TimeLimit,
 )
-from simbench.cli.suite_options import changes_of, tell_trouble, where_of
+from simbench.cli.suite_options import changes_of, split_names, tell_trouble, where_of
 from simbench.errors import UserError
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ def suite_command(
             metavar="NAME", help="As `simbench list` names it, a YAML file, or `break`: search the "
                                  "value of --dial at which each system crosses --limit.")],
         out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write.")],
+        cases: Annotated[str | None, typer.Option(
+            "--cases", metavar="a,b", help="Only these cases of the suite.")] = None,
         systems: Systems = None, seeds: Seeds = None, workers: Processes = None, dask: Dask = "",
         resume: Resume = False,
         frames: Annotated[int | None, typer.Option(
@@ -67,6 +69,8 @@ def suite_command(
     search = {"--dial": dial, "--limit": limit, "--scene": scene, "--flow": flow,
               "--sensor": sensor, "--from": start, "--to": end}
     if name == "break":
+        if cases is not None:
+            raise UserError("--cases: a search has none; leave it out")
         suite = _searched(scene or "SwingingBoxes-v0", flow or "dis", sensor or "gaussian", limit)
         _break(suite.changed(**changes), dial, limit, start, end, out, where, resume)
         return
@@ -74,6 +78,8 @@ def suite_command(
         if value is not None:
             raise UserError(f"{option}: is for `simbench suite break`; a suite's file says it")
     suite = load_suite(name).changed(**changes)
+    if cases is not None:
+        suite = suite.with_cases(split_names("--cases", cases))
     with run_progress(suite.name, _count(suite)) as show:
         results = run_suite(suite, out, where, resume=resume, resolution=resolution / 100.0,
                             on_run=show)

@@ -36,19 +36,19 @@ def changes_of(systems: str | None, seeds: str | None, frames: int | None, size:
     """
     from simbench.suites.spec import parse_seeds
 
-    return {"systems": None if systems is None else split_systems(systems),
+    return {"systems": None if systems is None else split_names("--systems", systems),
             "seeds": None if seeds is None else parse_seeds(seeds), "frames": frames,
             "size": parse_size(size)}
 
 
-def split_systems(text: str) -> tuple[str, ...]:
+def split_names(option: str, text: str) -> tuple[str, ...]:
     """"a,b" to its names; a comma within quotes divides nothing. Raises UserError."""
     outside_quotes = r",(?=(?:[^\"']|\"[^\"]*\"|'[^']*')*$)"
     names = tuple(each.strip() for each in re.split(outside_quotes, text))
     if not all(names):
-        raise UserError(f"--systems {text!r}: wanted names with commas between, as in sdpl,vdo")
+        raise UserError(f"{option} {text!r}: wanted names with commas between, as in a,b")
     if len(set(names)) < len(names):
-        raise UserError(f"--systems {text!r}: a system is named twice")
+        raise UserError(f"{option} {text!r}: a name stands there twice")
     return names
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from simbench.errors import UserError
+from simbench.errors import UnknownName, UserError
 from simbench.inputs import InputChoice
 
 SCHEMA = 1
@@ -122,6 +122,15 @@ class Suite:
                       for case in self.cases)
         return replace(self, cases=cases, systems=systems or self.systems,
                        seeds=self.seeds if seeds is None else seeds)
+
+    def with_cases(self, names: tuple[str, ...]) -> Suite:
+        """The suite with these of its cases. Raises UnknownName when it has no such case."""
+        known = [case.name for case in self.cases]
+        for name in names:
+            if name not in known:
+                raise UnknownName(f"suite {self.name} has no case {name!r}; it has "
+                                  f"{', '.join(known)}")
+        return replace(self, cases=tuple(case for case in self.cases if case.name in names))
 
     def as_json(self) -> dict[str, Any]:
         """The suite as results.json holds it."""

@@ -125,3 +125,10 @@ def test_depth_from_stereo_asks_for_right_pictures(tmp_path):
         assert frame.right is not None
         assert np.any(frame.right != frame.rgb)
         assert sequence.right(1) is sequence.right(1)   # kept for the next system
+
+
+def test_some_of_the_cases():
+    suite = load_suite("rigidity")
+    some = suite.with_cases(("people", "boxes"))
+    assert [case.name for case in some.cases] == ["boxes", "people"]
+    assert some.seeds == suite.seeds

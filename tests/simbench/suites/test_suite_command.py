@@ -125,6 +125,8 @@ def test_a_system_that_loses_its_runs_is_shown_and_exits_with_1(suite, tmp_path,
 @pytest.mark.parametrize(("options", "message"), [
     (["nothing"], "no suite 'nothing'"),
     (["smoke", "--systems", "sdpl,"], "names with commas between"),
+    (["smoke", "--cases", "boxes,boats"], "no case 'boats'; it has boxes, street"),
+    (["break", "--dial", "texture", "--cases", "boxes"], "a search has none"),
     (["smoke", "--systems", "sdlp"], "did you mean 'sdpl'"),
     (["smoke", "--seeds", "x"], "wanted numbers and ranges"),
     (["smoke", "--reports", "some"], "wanted first, all or none"),
