@@ -81,7 +81,13 @@ def draw_look(spec: mujoco.MjSpec, rng: np.random.Generator, name: str,
     return CarLook(shape, material.name)
 
 
-def add_car_meshes(spec: mujoco.MjSpec, shape: CarShape, flaps: bool) -> None:
+def add_all_car_meshes(spec: mujoco.MjSpec, flaps: bool) -> None:
+    """The meshes of every shape, for `add_car` to show; `flaps`: doors and tailgates apart."""
+    for shape in SHAPES:
+        _add_car_meshes(spec, shape, flaps)
+
+
+def _add_car_meshes(spec: mujoco.MjSpec, shape: CarShape, flaps: bool) -> None:
     """Put the meshes that all cars of the shape share into `spec`."""
     painted, glass, trim = _hull(shape)
     lamps, tails = MeshBuilder(), MeshBuilder()

@@ -14,7 +14,7 @@ import numpy as np
 from simbench.motion import ClosedPath, Wander
 from simbench.randomise import generator, hue_rgba, set_texture
 from simbench.scene import Dial, Dials, Placement, Staging, register_scene
-from simbench.scenes_builtin.cars import SHAPES, add_car_meshes, draw_look
+from simbench.scenes_builtin.cars import add_all_car_meshes
 from simbench.scenes_builtin.houses import HouseStyle, TownMeshes
 from simbench.scenes_builtin.pace import Pace, kept_between
 from simbench.scenes_builtin.pedestrians import add_pedestrians
@@ -25,10 +25,11 @@ from simbench.scenes_builtin.traffic import (
     Driver,
     Progress,
     Spot,
+    Traffic,
     block_loop,
+    draw_driver,
     park_cars,
     raise_sun,
-    sun_over,
 )
 from slam.geometry.arrays import Array
 
@@ -61,21 +62,17 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     town.draw_style = _Styles(spec, town)
     build_town(spec, generator(seed, 0), _PLAN, town)
     opening, speed = 1.0 - dials["rigidity"], dials["speed"]
-    for shape in SHAPES:
-        add_car_meshes(spec, shape, flaps=opening > 0.0)
+    add_all_car_meshes(spec, flaps=opening > 0.0)
     raise_sun(spec, generator(seed, 1))
     parked = park_cars(spec, generator(seed, 2), _parking_spots(), _PARKED)
     ego = Ego.draw(generator(seed, 3), dials["camera_speed"])
     drivers = _draw_traffic(spec, generator(seed, 4), ego, round(dials["objects"]), speed)
-    driving = [driver.add_to(spec, opening) for driver in drivers]
+    traffic = Traffic(ego.camera, drivers, opening, speed)
+    driving = traffic.add_to(spec)
     people = add_pedestrians(spec, generator(seed, 5), _PLAN, round(dials["people"]), speed)
 
     def script(time_s: float) -> Placement:
-        T_world_camera = ego.camera(time_s)
-        placement: dict[str, Array | float] = {
-            "camera": T_world_camera, "sun": sun_over(T_world_camera)}
-        for driver in drivers:
-            placement |= driver.placed(time_s, opening, speed)
+        placement = traffic.placed(time_s)
         for walker in people.walkers:
             placement |= walker(time_s)
         return placement
@@ -156,16 +153,13 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, ego: Ego, count
     first, apart = rng.uniform(0.0, round_s), round_s / max(1, roles.count("oncoming"))
     headway, drivers = rng.uniform(2.6, 3.2), []
     for number, role in enumerate(roles, start=1):
-        name = f"car {number}"
         if role == "ahead":
             path, progress = ego.path, _ahead_of(ego, headway, speed, rng)
             headway += rng.uniform(2.4, 3.2)
         else:
             nth = roles[:number].count("oncoming") - 1
             path, progress = other_path, _steady(oncoming, first + nth * apart, speed)
-        shapes = SHAPES[:2] if role == "ahead" else SHAPES
-        look = draw_look(spec, rng, name, shapes)
-        drivers.append(Driver.draw(rng, name, look, path, progress))
+        drivers.append(draw_driver(spec, rng, number, role == "ahead", path, progress))
     return tuple(drivers)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from simbench.motion import ClosedPath, Wander
 from simbench.randomise import generator
 from simbench.scene import Dial, Dials, Placement, Staging, choice_dial, register_scene
-from simbench.scenes_builtin.cars import SHAPES, add_car_meshes, draw_look
+from simbench.scenes_builtin.cars import add_all_car_meshes
 from simbench.scenes_builtin.cyclists import BESIDE_LANE_M, Cyclist
 from simbench.scenes_builtin.houses import TownMeshes
 from simbench.scenes_builtin.pace import StopAndGo
@@ -32,10 +32,11 @@ from simbench.scenes_builtin.traffic import (
     Driver,
     Progress,
     Spot,
+    Traffic,
     block_loop,
+    draw_driver,
     park_cars,
     raise_sun,
-    sun_over,
 )
 from slam.geometry.arrays import Array
 
@@ -77,8 +78,7 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
     plan = TownPlan(_WIDTHS_M[route], _HEIGHT_M, SURROUNDINGS[int(dials["surroundings"])])
     build_town(spec, looks, plan, TownMeshes())
     opening, speed = 1.0 - dials["rigidity"], dials["speed"]
-    for shape in SHAPES:
-        add_car_meshes(spec, shape, flaps=opening > 0.0)
+    add_all_car_meshes(spec, flaps=opening > 0.0)
     raise_sun(spec, generator(seed, 1))
     parked = park_cars(spec, generator(seed, 2), _parking_spots(plan),
                        _parked_on(route))
@@ -86,15 +86,12 @@ def build(spec: mujoco.MjSpec, seed: int, dials: Dials) -> Staging:
         _STOP_PERIOD_S, float(generator(seed, 6).uniform(0.0, 2.0)))
     ego = _Ego.draw(generator(seed, 3), plan, _START_M[route], clock, dials["camera_speed"])
     drivers = _draw_traffic(spec, generator(seed, 4), plan, ego, round(dials["objects"]), speed)
-    driving = [driver.add_to(spec, opening) for driver in drivers]
+    traffic = Traffic(ego.camera, drivers, opening, speed)
+    driving = traffic.add_to(spec)
     cyclists = _draw_cyclists(spec, generator(seed, 5), plan, ego, dials)
 
     def script(time_s: float) -> Placement:
-        T_world_camera = ego.camera(time_s)
-        placement: dict[str, Array | float] = {
-            "camera": T_world_camera, "sun": sun_over(T_world_camera)}
-        for driver in drivers:
-            placement |= driver.placed(time_s, opening, speed)
+        placement = traffic.placed(time_s)
         for cyclist in cyclists:
             placement |= cyclist.placed(time_s)
         return placement
@@ -153,7 +150,6 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, plan: TownPlan,
     apart = min(38.0, oncoming.length_m / max(1, roles.count("oncoming")))
     headway, drivers = rng.uniform(10.0, 12.5), []
     for number, role in enumerate(roles, start=1):
-        name = f"car {number}"
         path, progress = ego.path, _ahead_of(ego, headway, speed, rng)
         if role == "ahead":
             headway += rng.uniform(11.0, 14.0)
@@ -163,8 +159,7 @@ def _draw_traffic(spec: mujoco.MjSpec, rng: np.random.Generator, plan: TownPlan,
             progress = _steady(first - nth * apart, oncoming_speed, ego.clock)
         else:
             path, progress = _turning(rng, plan, speed)
-        shapes = SHAPES[:2] if role == "ahead" else SHAPES
-        drivers.append(Driver.draw(rng, name, draw_look(spec, rng, name, shapes), path, progress))
+        drivers.append(draw_driver(spec, rng, number, role == "ahead", path, progress))
     return tuple(drivers)
 
 

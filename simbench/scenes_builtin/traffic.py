@@ -10,7 +10,7 @@ import numpy as np
 
 from simbench.motion import ClosedPath, Wander, camera_from_body, pose
 from simbench.scene import SceneObject
-from simbench.scenes_builtin.cars import CarLook, add_car, draw_look, flap_angles
+from simbench.scenes_builtin.cars import SHAPES, CarLook, add_car, draw_look, flap_angles
 from simbench.scenes_builtin.gait import Path
 from simbench.scenes_builtin.town import LANE_M, ROAD_M, TownPlan
 from slam.geometry.arrays import Array
@@ -56,6 +56,40 @@ class Driver:
             turn = 2.0 * np.pi * self.flap_hz * speed * time_s + self.flap_phase
             placed |= flap_angles(self.name, opening * 0.5 * (1.0 - np.cos(turn)))
         return placed
+
+
+def draw_driver(spec: mujoco.MjSpec, rng: np.random.Generator, number: int, ahead: bool, path: Path,
+                progress: Progress) -> Driver:
+    """The car of that number; no van drives ahead of the camera, whose view it would take."""
+    name = f"car {number}"
+    look = draw_look(spec, rng, name, SHAPES[:2] if ahead else SHAPES)
+    return Driver.draw(rng, name, look, path, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """The camera's car and all others that drive, under one sun.
+
+    opening: share of their way by which doors and tailgates open; speed: a factor of the doors'.
+    """
+
+    camera: Callable[[float], Array]     # time (s) to T_world_camera (4, 4)
+    drivers: tuple[Driver, ...]
+    opening: float
+    speed: float
+
+    def add_to(self, spec: mujoco.MjSpec) -> list[SceneObject]:
+        """The cars' bodies, whose meshes are there already."""
+        return [driver.add_to(spec, self.opening) for driver in self.drivers]
+
+    def placed(self, time_s: float) -> dict[str, Array | float]:
+        """Camera, sun and cars at that time."""
+        T_world_camera = self.camera(time_s)
+        placement: dict[str, Array | float] = {
+            "camera": T_world_camera, "sun": _sun_over(T_world_camera)}
+        for driver in self.drivers:
+            placement |= driver.placed(time_s, self.opening, self.speed)
+        return placement
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +148,6 @@ def raise_sun(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
                       diffuse=[0.70, 0.68, 0.63], specular=[0.15, 0.15, 0.15], castshadow=True)
 
 
-def sun_over(T_world_camera: Array) -> Array:
+def _sun_over(T_world_camera: Array) -> Array:
     """Where the sun's carrier stands for that camera."""
     return pose([*T_world_camera[:2, 3], 0.0])
