@@ -84,18 +84,21 @@ def _align(first, last, previous, current, uv_previous, A, surface,  # type: ign
     weights, edges = np.empty(side * side, np.float32), np.empty(side * side, np.float32)
     room = np.empty((2, side, side + 3), np.float32)
     patch = np.empty(side * side, np.float32)
+    # u and v of each pixel, then weighted.
+    ramps = np.empty((4, side * side if steps.without_ramps else 0), np.float32)
     normal, spread = np.empty(3), np.empty(3)
     for n in range(first, last):
         out.share[n] = _weigh(surface, uv_previous[n], window, steps.radius, weights)
+        _ramp(weights, steps.radius, ramps)
         cut_patch_and_slopes(previous, uv_previous[n], steps.radius, room, basis)
         _warp(basis, A[n], steps.radius)
-        energy = _prepare(basis, taps, weights, edges, steps, normal, spread)
+        energy = _prepare(basis, taps, weights, edges, ramps, normal, spread)
         if len(direction) > 0:
             _constrain(taps, normal, spread, direction[n])
         for k in range(3):
             out.normal[n, k], out.spread[n, k] = normal[k], spread[k]
-        _iterate(current, n, basis[2], taps, weights, edges, normal, energy, patch, room, steps,
-                 out)
+        _iterate(current, n, basis[2], taps, weights, edges, ramps, normal, energy, patch, room,
+                 steps, out)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -135,7 +138,7 @@ def _warp(basis, A, radius):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _prepare(basis, taps, weights, edges, steps, normal, spread):  # type: ignore[no-untyped-def]
+def _prepare(basis, taps, weights, edges, ramps, normal, spread):  # type: ignore[no-untyped-def]
     """Make the filters of a template; its energy Σ w T².
 
     The mean is taken off here, and the template's share off the gradients: so the dot products
@@ -143,8 +146,7 @@ def _prepare(basis, taps, weights, edges, steps, normal, spread):  # type: ignor
     """
     for k in range(3):
         _take_mean_off(basis[k], weights)
-        if steps.without_ramps:
-            _take_ramps_off(basis[k], weights, steps.radius)
+        _take_ramps_off(basis[k], ramps)
     for p in range(len(weights)):
         taps[2, p] = weights[p] * basis[2, p]
     energy = max(_dot(taps[2], basis[2]), np.float32(1e-6))
@@ -180,8 +182,8 @@ def _constrain(taps, normal, spread, direction):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _iterate(current, n, template, taps, weights, edges, normal,  # type: ignore[no-untyped-def]
-             energy, patch, room, steps, out):
+def _iterate(current, n, template, taps, weights, edges, ramps,  # type: ignore[no-untyped-def]
+             normal, energy, patch, room, steps, out):
     start_u, start_v = out.uv[n, 0], out.uv[n, 1]
     for _ in range(steps.iterations):
         if not patch_fits(out.uv[n], current.shape, steps.radius):
@@ -189,8 +191,7 @@ def _iterate(current, n, template, taps, weights, edges, normal,  # type: ignore
             return
         cut_patch(current, out.uv[n], steps.radius, room, patch)
         _take_mean_off(patch, weights)
-        if steps.without_ramps:
-            _take_ramps_off(patch, weights, steps.radius)
+        _take_ramps_off(patch, ramps)
         common = float(_dot(taps[2], patch))
         gain = min(max(common / energy, 0.3), 3.0)
         right_u, right_v = _dot(taps[0], patch) / gain, _dot(taps[1], patch) / gain
@@ -268,19 +269,27 @@ def _take_mean_off(values, weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _take_ramps_off(values, weights, radius):  # type: ignore[no-untyped-def]
-    """Take off what is linear in u, then in v.
+def _ramp(weights, radius, ramps):  # type: ignore[no-untyped-def]
+    """Fill u and v of a patch's pixels (4, P), and both times their weights; (4, 0): not wanted."""
+    side = 2 * radius + 1 if ramps.shape[1] > 0 else 0
+    for i in range(side):
+        for j in range(side):
+            p = i * side + j
+            ramps[0, p], ramps[1, p] = np.float32(j - radius), np.float32(i - radius)
+            ramps[2, p], ramps[3, p] = weights[p] * ramps[0, p], weights[p] * ramps[1, p]
+
+
+@numba.njit(cache=True, nogil=True)
+def _take_ramps_off(values, ramps):  # type: ignore[no-untyped-def]
+    """Take off what is linear in u, then in v, where `ramps` are wanted.
 
     A lamp that moves with the camera, or a surface that shines, changes a patch's brightness by
     a ramp above all, which would pass for a shift.
     """
-    side = 2 * radius + 1
+    if ramps.shape[1] == 0:
+        return
     for axis in range(2):
-        along, size = np.float32(0.0), np.float32(0.0)
+        ramp, weighted = ramps[axis], ramps[2 + axis]
+        slope = _dot(weighted, values) / max(_dot(weighted, ramp), np.float32(1e-6))
         for p in range(len(values)):
-            ramp = np.float32((p % side if axis == 0 else p // side) - radius)
-            along += weights[p] * ramp * values[p]
-            size += weights[p] * ramp * ramp
-        slope = along / max(size, np.float32(1e-6))
-        for p in range(len(values)):
-            values[p] -= slope * np.float32((p % side if axis == 0 else p // side) - radius)
+            values[p] -= slope * ramp[p]
