@@ -33,7 +33,9 @@ def _with(config: Any, path: list[str], value: str, text: str) -> Any:
     name, *rest = path
     names = [f.name for f in fields(config)]
     if name not in names:
-        close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        inside = [f"{n}.{name}" for n in names if is_dataclass(getattr(config, n))
+                  and hasattr(getattr(config, n), name)]
+        close = inside or difflib.get_close_matches(name, names, n=1, cutoff=0.5)
         hint = f"; did you mean {close[0]!r}?" if close else "."
         raise UnknownName(f"--set {text}: no setting {name!r}{hint} There are {', '.join(names)}")
     held = getattr(config, name)

@@ -75,7 +75,8 @@ class PointAnchors:
     def follow(self, now: FrameBodies) -> None:
         """Record one frame's sightings of the landmarks that are known."""
         self._keep(now.has(self._alive.body))              # bodies that ended took theirs along
-        alive = self._alive
+        turn = now.is_due(self._alive.body)
+        alive = self._alive.take(np.flatnonzero(turn))
         if len(alive) == 0:
             return
         expected, rho_expected, warps = carried(self.intrinsics, alive.uv, alive.rho, alive.slope,
@@ -100,9 +101,11 @@ class PointAnchors:
         self.features.add_observations(PointObservations(
             alive.number[seen], np.full(len(seen), now.row), uv[seen],
             0.5 * aligned.covariance[seen], surface.rho[right], sigma))
-        self._alive = replace(alive, missed=np.where(found, 0, alive.missed + 1),
-                              uv_now=np.where(found[:, None], uv, alive.uv_now))
-        self._keep(self._alive.missed <= self.config.misses)
+        missed, uv_now = np.array(self._alive.missed), np.array(self._alive.uv_now)
+        missed[turn] = np.where(found, 0, alive.missed + 1)
+        uv_now[turn] = np.where(found[:, None], uv, alive.uv_now)
+        self._alive = replace(self._alive, missed=missed, uv_now=uv_now)
+        self._keep(missed <= self.config.misses)
 
     def detect(self, now: FrameBodies) -> None:
         """New landmarks on the bodies that have too few."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from slam.config import SdplConfig
+
 
 @dataclass(frozen=True, slots=True)
 class AnchorConfig:
@@ -16,7 +18,7 @@ class AnchorConfig:
     static_lines: int = 60
     object_lines: int = 10            # on each object
     line_samples: int = 6             # patches on a line
-    every: int = 5                    # frames between detections of new landmarks
+    every: int = 10                   # frames between detections of new landmarks
     misses: int = 3                   # frames in a row without a sighting that end a landmark
     min_support: float = 0.95         # share of a patch that must lie on one surface
     max_depth_change: float = 0.1     # relative: farther off, something else is seen there
@@ -42,6 +44,7 @@ class WindowConfig:
 
     enabled: bool = True
     frames: int = 8
+    object_every: int = 2             # frames from one renewal of an object to the next: by turns
     iterations: int = 1               # Levenberg-Marquardt steps a frame: it starts near
     noise_memory: float = 0.8         # weight of the earlier frames in the measured noise
     # Of what has left the window, each time a frame leaves: it was told with poses that err, too.
@@ -72,3 +75,10 @@ class BackendConfig:
     # that many of them hold less than their noise claims; flow that was given has noise of its
     # own. Steps tracked on it weigh by this factor against sightings. Measured: docs/departures.md.
     given_flow_weight: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class SdplBatchConfig(SdplConfig):
+    """Everything SDPL-SLAM can be told: its tracking, and its back-end."""
+
+    backend: BackendConfig = field(default_factory=BackendConfig)

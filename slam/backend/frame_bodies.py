@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +24,7 @@ class FrameBodies:
     smooth: Array            # (H, W) float32 the picture prepared for alignment
     bodies: Array            # (B,) ascending
     T_body_camera: Array     # (B, 4, 4) the tracker's poses of the camera in them
+    due: Array               # (B,) bool: whose landmarks are to be found again in this frame
     groups: Array            # (H, W) uint8 slot of each pixel; NO_GROUP where there is none
 
     @cached_property
@@ -49,20 +50,25 @@ class FrameBodies:
         """(N,) bool: which bodies are in the frame."""
         return np.asarray(self.slot(body) >= 0)
 
+    def is_due(self, body: Array) -> Array:
+        """(N,) bool: which bodies, all in the frame, are due."""
+        return np.asarray(self.due[self.slot(body)])
+
     def since(self, T_body_first: Array, body: Array) -> Array:
         """(N, 4, 4): from cameras that stood at poses in bodies, to the camera now."""
         return np.asarray(self._T_camera_body[self.slot(body)] @ T_body_first)
 
 
 def frame_bodies(row: int, current: Observation, smooth: Array,
-                 T_body_camera: Mapping[int, Array], body_of_label: Mapping[int, int]
-                 ) -> FrameBodies | None:
+                 T_body_camera: Mapping[int, Array], body_of_label: Mapping[int, int],
+                 due: Collection[int]) -> FrameBodies | None:
     """A frame's bodies, or None where it has too many to tell apart.
 
     Args:
         T_body_camera: body -> (4, 4), the static world among them.
         body_of_label: mask label in this frame -> body; labels that are not named are left
             out, and the background is the static world.
+        due: bodies whose landmarks are to be found again in this frame.
     """
     bodies = sorted(T_body_camera)
     slot = {body: i for i, body in enumerate(bodies)}
@@ -71,4 +77,5 @@ def frame_bodies(row: int, current: Observation, smooth: Array,
     groups = current.groups({label: slot[body] for label, body in body_of_label.items()
                              if body in slot})
     return FrameBodies(row, current, smooth, np.array(bodies),
-                       np.stack([T_body_camera[b] for b in bodies]), groups)
+                       np.stack([T_body_camera[b] for b in bodies]),
+                       np.array([b in due for b in bodies]), groups)

@@ -77,10 +77,11 @@ class LineAnchors:
     def follow(self, now: FrameBodies) -> None:
         """Record one frame's sightings of the lines that are known."""
         self._keep(now.has(self._alive.body))
-        alive = self._alive
+        turn = now.is_due(self._alive.body)
+        alive = self._alive.take(np.flatnonzero(turn))
         if len(alive) == 0:
             return
-        ends, rho_ends, start, normal, t, matches = self._aligned(now)
+        ends, rho_ends, start, normal, t, matches = self._aligned(now, alive)
         fitted = fitted_segments(ends, t, start, normal, matches, self.align)
         seen = np.flatnonzero(fitted.converged & (rho_ends > 0).all(axis=1))
         kept, slot, depth = cull_segments(fitted.endpoints_px[seen], now.current.frame.depth_m,
@@ -98,15 +99,16 @@ class LineAnchors:
             0.5 * fitted.covariance[seen], rho, np.full((len(seen), 2), sigma)))
         found = np.zeros(len(alive), bool)
         found[seen] = True
-        self._alive = replace(
-            alive, missed=np.where(found, 0, alive.missed + 1),
-            ends_now=np.where(found[:, None, None], fitted.endpoints_px, alive.ends_now))
-        self._keep(self._alive.missed <= self.config.misses)
+        missed, ends_now = np.array(self._alive.missed), np.array(self._alive.ends_now)
+        missed[turn] = np.where(found, 0, alive.missed + 1)
+        ends_now[turn] = np.where(found[:, None, None], fitted.endpoints_px, alive.ends_now)
+        self._alive = replace(self._alive, missed=missed, ends_now=ends_now)
+        self._keep(missed <= self.config.misses)
 
-    def _aligned(self, now: FrameBodies
+    def _aligned(self, now: FrameBodies, alive: _Lines
                  ) -> tuple[Array, Array, Array, Array, Array, RefinedMatches]:
         """The lines where they are expected, and their patches aligned across them."""
-        alive, (n, k) = self._alive, self._alive.slot.shape
+        n, k = alive.slot.shape
         uv, rho, slope = _samples(alive.ends, alive.rho, k)
         T_now_first = now.since(alive.T_body_first, alive.body)
         at, rho_now, warps = carried(

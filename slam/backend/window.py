@@ -6,6 +6,8 @@ kept as a prior on each of them, taken with the frame's pose as it stands then.
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Generic
 
@@ -18,6 +20,7 @@ from slam.backend.pose_covariance import step_covariances
 from slam.backend.refine_run import filled_in
 from slam.geometry.arrays import Array
 from slam.map import (
+    STATIC,
     BodyRecord,
     Features,
     Landmarks,
@@ -73,8 +76,10 @@ class _Seen(Generic[Landmarks, Observations]):
             self._last = int(new.number.max(initial=self._last))
         if fresh:
             self.alive = self.alive.take(np.lexsort((self.alive.number, self.alive.body)))
-        self.raw = joined([self.raw, *self.features.observations_of(row)])
         alive = self.alive
+        seen = joined([self.raw, *self.features.observations_of(row)])
+        # A landmark that was away for longer than a window has been forgotten.
+        self.raw = taken(seen, np.flatnonzero(np.isin(seen.landmark, alive.number)))
         by_number = np.argsort(alive.number)
         place = by_number[np.searchsorted(alive.number, self.raw.landmark, sorter=by_number)]
         s = filled_in(replace(self.raw, landmark=place))
@@ -96,12 +101,16 @@ class _Seen(Generic[Landmarks, Observations]):
         family.uv_scale2, family.rho_scale2 = self._scales.get(number, (1.0, 1.0))
         return number in self._scales
 
-    def keep(self, number: int, family: Family, own: slice, leaves: bool) -> None:
-        """Take a body's refined landmarks and noise over, and hold on to what leaves."""
+    def keep(self, number: int, family: Family, own: slice, leaving: Array) -> None:
+        """Take a body's refined landmarks and noise over, and hold on to what leaves.
+
+        Args:
+            leaving: (F,) bool: the frames of the window that do.
+        """
         self.alive.place[own] = family.now.place
-        if leaves:
+        if leaving.any():
             # Before the noise is measured anew: with the weights that were used.
-            information, held = family.condensed(family.pose == 0)
+            information, held = family.condensed(leaving[family.pose])
             self.alive.information[own] = self.config.prior_weight * information
             self.alive.held[own] = held
         family.measure_noise()
@@ -111,9 +120,9 @@ class _Seen(Generic[Landmarks, Observations]):
         uv, rho = np.exp(keep * np.log(before) + (1.0 - keep) * np.log(measured))
         self._scales[number] = float(uv), float(rho)
 
-    def let_go(self, row: int, bodies: list[int]) -> None:
-        """Forget the frame that leaves, and landmarks that no frame sees any longer."""
-        self.raw = taken(self.raw, np.flatnonzero(self.raw.frame > row - self.config.frames))
+    def let_go(self, first_row: int, bodies: list[int]) -> None:
+        """Forget frames before the next window's, and landmarks that no frame sees any longer."""
+        self.raw = taken(self.raw, np.flatnonzero(self.raw.frame >= first_row))
         seen = np.isin(self.alive.number, self.raw.landmark)
         self.alive = self.alive.take(np.flatnonzero(seen))
         self._scales = {body: self._scales[body] for body in bodies if body in self._scales}
@@ -130,19 +139,27 @@ class SlidingWindow:
         self.lines = _Seen(record.lines, 4, 4, config)
         self.step_covariance: dict[int, Array] = {}     # body -> (6, 6) of its newest step
 
+    def due(self, row: int, bodies: Iterable[int]) -> list[int]:
+        """The bodies whose turn it is in a frame: the static world always, objects by turns."""
+        return [body for body in bodies
+                if body == STATIC or (row + body) % self.config.object_every == 0]
+
     def advance(self, row: int, bodies: list[int]) -> None:
-        """Take in a frame that is in the record already, and refine the bodies seen in it."""
+        """Take in a frame that is in the record already, and refine bodies seen in it."""
         self.step_covariance = {}
         self.points.take_in(row, self.bundle.min_sightings)
         self.lines.take_in(row, self.bundle.min_sightings)
-        for body in bodies:
-            if len(self.record.bodies[body].frames) > 1:
-                self._refine(self.record.bodies[body], body)
-        self.points.let_go(row, bodies)
-        self.lines.let_go(row, bodies)
+        first_row = row - self.config.frames + 1
+        for number in self.due(row, bodies):
+            body = self.record.bodies[number]
+            window = slice(bisect_left(body.frames, first_row), None)
+            every = 1 if number == STATIC else self.config.object_every
+            if len(body.frames[window]) > 1:
+                self._refine(body, number, window, first_row + every)
+        self.points.let_go(first_row + 1, bodies)
+        self.lines.let_go(first_row + 1, bodies)
 
-    def _refine(self, body: BodyRecord, number: int) -> None:
-        window = slice(-self.config.frames, None)
+    def _refine(self, body: BodyRecord, number: int, window: slice, next_first_row: int) -> None:
         rows = np.array(body.frames[window])
         s, points = self.points.of_body(number, rows)
         line_s, lines = self.lines.of_body(number, rows)
@@ -168,9 +185,8 @@ class SlidingWindow:
             newest = step_covariances(S, state.T_body_camera)[-1]
             if np.isfinite(newest).all():
                 self.step_covariance[number] = newest
-        leaves = len(rows) == self.config.frames
         for (seen, family), own in zip(self._sides(problem), (points, lines), strict=True):
-            seen.keep(number, family, own, leaves)
+            seen.keep(number, family, own, rows < next_first_row)
 
     def _sides(self, problem: Problem) -> tuple[tuple[_Seen, Family], tuple[_Seen, Family]]:
         return (self.points, problem.points), (self.lines, problem.lines)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
-from slam.backend.config import BackendConfig
+from slam.backend.config import SdplBatchConfig
 from slam.config import SdplConfig
 from slam.dpl.config import DplConfig
 from slam.systems.dpl import DplSlam
@@ -28,13 +28,18 @@ class SlamSystem(Protocol):
 class Preset(NamedTuple):
     description: str
     config: SystemConfig
-    backend: BackendConfig | None = None     # None: tracking alone
 
 
 _SDPL = SdplConfig()
-_BATCH = BackendConfig()
+_BATCH = SdplBatchConfig()
 _DPL = DplConfig()
 _STATIC = replace(_DPL, cull=replace(_DPL.cull, enabled=False))
+
+
+def _with_anchors(**settings: Any) -> SdplBatchConfig:
+    backend = _BATCH.backend
+    return replace(_BATCH, backend=replace(backend, anchors=replace(backend.anchors, **settings)))
+
 
 PRESETS: Mapping[str, Preset] = {
     "sdpl": Preset("SDPL-SLAM tracking: points and lines, static and moving", _SDPL),
@@ -44,20 +49,20 @@ PRESETS: Mapping[str, Preset] = {
     "vdo": Preset("points only, as VDO-SLAM",
                   replace(_SDPL, segments=replace(_SDPL.segments, enabled=False))),
     "sdpl-batch": Preset("sdpl, a partial batch with every frame, and a global one at the end",
-                         _SDPL, _BATCH),
+                         _BATCH),
     "sdpl-batch-no-lines": Preset(
-        "sdpl-batch with points only in both batches (ablation)", _SDPL,
-        replace(_BATCH, anchors=replace(_BATCH.anchors, lines=False))),
+        "sdpl-batch with points only in both batches (ablation)", _with_anchors(lines=False)),
     "sdpl-batch-static-lines": Preset(
-        "sdpl-batch without lines on objects (ablation)", _SDPL,
-        replace(_BATCH, anchors=replace(_BATCH.anchors, object_lines=0))),
+        "sdpl-batch without lines on objects (ablation)", _with_anchors(object_lines=0)),
     "sdpl-batch-static": Preset(
-        "sdpl-batch with landmarks of the static world only (ablation)", _SDPL,
-        replace(_BATCH, anchors=replace(_BATCH.anchors, object_count=0, object_lines=0))),
-    "sdpl-partial": Preset("sdpl and the partial batch alone", _SDPL,
-                           BackendConfig(global_batch=False)),
-    "sdpl-paper-batch": Preset("sdpl-batch with the global batch in the paper's own formulation",
-                               _SDPL, BackendConfig(formulation="paper")),
+        "sdpl-batch with landmarks of the static world only (ablation)",
+        _with_anchors(object_count=0, object_lines=0)),
+    "sdpl-partial": Preset(
+        "sdpl and the partial batch alone",
+        replace(_BATCH, backend=replace(_BATCH.backend, global_batch=False))),
+    "sdpl-paper-batch": Preset(
+        "sdpl-batch with the global batch in the paper's own formulation",
+        replace(_BATCH, backend=replace(_BATCH.backend, formulation="paper"))),
     "dpl": Preset("DPL-SLAM: ORB points and LBD lines, dynamic ones removed, keyframes",
                   _DPL),
     "orb": Preset("dpl without lines and without removing anything: the static baseline",
@@ -95,12 +100,19 @@ def default_config(name: str) -> SystemConfig:
 
 
 def make(name: str, intrinsics: Intrinsics, config: SystemConfig | None = None) -> SlamSystem:
-    """A fresh system of this name, with its preset's settings unless `config` is given."""
+    """A fresh system of this name, with its preset's settings unless `config` is given.
+
+    Raises:
+        UnknownSystem: no such preset; the message names the closest.
+        TypeError: settings of another kind of system.
+    """
     preset = default_config(name)
     config = preset if config is None else config
+    if type(config) is not type(preset):
+        raise TypeError(f"{name!r} is told by a {type(preset).__name__}, not by a "
+                        f"{type(config).__name__}; start from default_config({name!r})")
     if isinstance(config, DplConfig):
         return DplSlam(intrinsics, config)
-    backend = PRESETS[name].backend
-    if backend is None:
-        return SdplSlam(intrinsics, config)
-    return SdplBatch(intrinsics, config, backend=backend)
+    if isinstance(config, SdplBatchConfig):
+        return SdplBatch(intrinsics, config)
+    return SdplSlam(intrinsics, config)

@@ -10,12 +10,11 @@ import numpy as np
 
 from slam.backend.anchors import PointAnchors
 from slam.backend.chained import refine_chained
-from slam.backend.config import BackendConfig
+from slam.backend.config import SdplBatchConfig
 from slam.backend.frame_bodies import frame_bodies
 from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
-from slam.config import SdplConfig
 from slam.estimation.covariance import known_or_none, object_covariance
 from slam.frontend.flow import FlowEstimator
 from slam.frontend.observe import Observation
@@ -44,10 +43,10 @@ class SdplBatch:
     from there; `finish` refines all poses and object motions.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: SdplConfig | None = None,
-                 flow_estimator: FlowEstimator | None = None,
-                 backend: BackendConfig | None = None) -> None:
-        self.backend = BackendConfig() if backend is None else backend
+    def __init__(self, intrinsics: Intrinsics, config: SdplBatchConfig | None = None,
+                 flow_estimator: FlowEstimator | None = None) -> None:
+        config = SdplBatchConfig() if config is None else config
+        self.backend = config.backend
         self.tracker = SdplSlam(intrinsics, config, flow_estimator)
         self._motions = _HeardMotions(intrinsics, self.tracker.config)
         self.tracker.motions = self._motions
@@ -158,7 +157,8 @@ class SdplBatch:
     def _anchor(self, row: int, current: Observation, poses: dict[int, Array],
                 body_of_label: dict[int, int], segments: Segments2D | None) -> None:
         """Find the landmarks again, and new ones where there are too few."""
-        now = frame_bodies(row, current, self._motions.smoothed(current), poses, body_of_label)
+        now = frame_bodies(row, current, self._motions.smoothed(current), poses, body_of_label,
+                           self._window.due(row, poses))
         if now is None:
             return
         self._points.follow(now)

@@ -75,6 +75,24 @@ def test_a_preset_takes_settings_and_shows_them_resolved():
     assert resolved["motion"]["optimise_flow"] is False
 
 
+def test_a_preset_with_a_batch_takes_settings_of_its_back_end():
+    system, resolved = load_system("sdpl-batch", CAMERA, ["backend.window.frames=10",
+                                                          "backend.formulation=paper"])
+    assert system.backend.window.frames == 10
+    assert resolved["backend"]["window"]["frames"] == 10
+    assert resolved["backend"]["formulation"] == "paper"
+
+
+@pytest.mark.parametrize(("preset", "text", "says"), [
+    ("sdpl-batch", "backend.window.length=10", "There are enabled, frames"),
+    ("sdpl-batch", "window.frames=10", "did you mean 'backend.window'"),
+    ("sdpl-batch", "backend.windw.frames=10", "did you mean 'window'"),
+    ("sdpl", "backend.window.frames=10", "no setting 'backend'")])
+def test_a_wrong_name_of_the_back_end_is_refused(preset, text, says):
+    with pytest.raises(UnknownName, match=says):
+        load_system(preset, CAMERA, [text])
+
+
 def test_a_factory_from_a_file_and_from_a_module(tmp_path, monkeypatch):
     source = ("class S:\n    def __init__(self, i): self.i = i\n"
               "    def process(self, frame): ...\n    def finish(self): ...\n"
