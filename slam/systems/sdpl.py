@@ -202,6 +202,9 @@ class SdplSlam:
         self.features.advance(current, detected.result(), tracked)
         clock.lap("detect")
         self.previous, self._unmatched = current, 0
+        new = [f"mask {label}: no mask of the frame before leads to it"
+               for label in current.labels[1:] if int(label) not in pairs]
         estimate = replace(estimate, points=self.features.points, segments=self.features.segments,
-                           timings_ms=clock.laps_ms())
+                           timings_ms=clock.laps_ms(),
+                           reason="; ".join([*filter(None, [estimate.reason]), *new]))
         return self.history.amend(estimate)

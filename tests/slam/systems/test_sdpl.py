@@ -54,6 +54,16 @@ def test_a_motion_whose_rotation_is_hardly_known_is_left_out_with_the_reason(two
     assert t.mean() * 1e3 < 0.4
 
 
+def test_a_mask_that_continues_none_is_named_with_the_reason(two_boxes):
+    _, _, frames = two_boxes
+    labels = np.array(frames[2].instance_id)
+    labels[60, 80:83] = 77
+    spoilt = [*frames[:2], replace(frames[2], instance_id=labels), frames[3]]
+    _, estimates = run(spoilt)
+    assert "mask 77: no mask of the frame before leads to it" in estimates[2].reason
+    assert not estimates[1].reason
+
+
 def test_the_box_that_stands_is_named_static_and_its_centre_is_not_tracked(two_boxes):
     _, _, frames = two_boxes
     _, estimates = run(frames)
