@@ -5,7 +5,7 @@ import numpy as np
 from slam.backend.bundle import BodyPath
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
-from slam.map import PointObservations
+from slam.map import STATIC, PointObservations, taken
 from slam.types import Intrinsics
 
 CAMERA = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
@@ -34,10 +34,6 @@ def world(seed=0, frames=12, landmarks=60, noise=1.0):
     return T, xyz, taken(s, seen)
 
 
-def taken(s, index):
-    return PointObservations(*(getattr(s, name)[index] for name in s.__slots__))
-
-
 def odometry(T, seed, sigma=(2e-4, 1e-3)):
     """A path that drifts, with the information of its steps."""
     rng = np.random.default_rng(seed)
@@ -52,3 +48,29 @@ def odometry(T, seed, sigma=(2e-4, 1e-3)):
 
 def position_rms(T, truth):
     return np.sqrt(np.mean(np.sum((T[:, :3, 3] - truth[:, :3, 3]) ** 2, axis=1)))
+
+
+def stream(T, path, window, points=None, lines=None, spoil=lambda row, seen: seen):
+    """Feed a world to a window frame by frame; each pose (F, 4, 4) as it first came out.
+
+    Args:
+        points, lines: landmarks where they start, and their sightings.
+        spoil: makes of a frame's row and sightings what the window is given.
+    """
+    record, online = window.record, []
+    static = record.bodies[STATIC]
+    kinds = [(features, *given) for features, given in
+             ((record.points, points), (record.lines, lines)) if given is not None]
+    for row in range(len(T)):
+        record.indices.append(row)
+        if row == 0:
+            static.begin(0, T[0])
+        else:
+            static.add(row, path.steps[row], path.information[row])
+        for features, places, seen in kinds:
+            if row == 0:
+                features.add_landmarks(np.zeros(len(places), np.int64), places)
+            features.add_observations(spoil(row, taken(seen, seen.frame == row)))
+        window.advance(row, [STATIC])
+        online.append(static.poses[-1])
+    return np.array(online)

@@ -9,8 +9,8 @@ import numpy as np
 
 from slam.backend.chains import chain_steps, reduce_chains
 from slam.backend.config import ChainConfig
-from slam.backend.linearise import whitening
-from slam.backend.settle import noise_ratios
+from slam.backend.linearise import UNSEEN_CHI2, whitening
+from slam.backend.settle import misfits, noise_ratios
 from slam.factors import landmark_terms, point_motion_terms
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
@@ -23,8 +23,6 @@ from slam.line_factors import (
 from slam.line_sightings import line_sighting_terms, moved_lines, packed, unpacked
 from slam.map import LineObservations, PointObservations
 from slam.types import Intrinsics
-
-_UNSEEN_CHI2 = 1e6       # what a landmark costs that its camera cannot see
 
 
 class _Terms(NamedTuple):
@@ -127,10 +125,8 @@ class Chains(ABC):
     def drop_misfits(self, X: Array, place: Array, limit: float) -> None:
         """Leave out landmarks most of whose sightings are above a limit of χ²₃."""
         r = self._measure(X, place).r
-        count = np.diff(self.start)
-        landmark = np.repeat(np.arange(len(count)), count)
-        bad = np.bincount(landmark, _chi2(r) > limit * r.shape[1] / 3.0, len(count))
-        self.whitening[(bad > 0.5 * count)[landmark]] = 0.0
+        wrong = misfits(self.start, _chi2(r), limit * r.shape[1] / 3.0)
+        self.whitening[np.repeat(wrong, np.diff(self.start))] = 0.0
 
     def steps(self, steps: Array) -> Array:
         """(N, d) steps of the nodes that go with steps (2F, 6) of the body's variables."""
@@ -154,7 +150,7 @@ class Chains(ABC):
         """Cauchy's weights (M,), 0 where a landmark is not seen, and the cost."""
         width2 = self.config.kernel_width**2
         chi2 = _chi2(r)
-        cost = float(np.sum(width2 * np.log1p(np.minimum(chi2, _UNSEEN_CHI2) / width2)))
+        cost = float(np.sum(width2 * np.log1p(np.minimum(chi2, UNSEEN_CHI2) / width2)))
         return 1.0 / (1.0 + chi2 / width2), cost
 
     def _white(self, r: Array, *derivatives: Array) -> list[Array]:

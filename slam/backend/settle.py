@@ -49,18 +49,27 @@ def noise_ratios(start, r, chi2, whitening, width):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True)
+def misfits(start, chi2, limit):  # type: ignore[no-untyped-def]
+    """(P,) bool: landmarks most of whose chi2 are above a limit."""
+    wrong = np.zeros(len(start) - 1, np.bool_)
+    for p in range(len(start) - 1):
+        bad = 0
+        for i in range(start[p], start[p + 1]):
+            bad += chi2[i] > limit
+        wrong[p] = 2 * bad > start[p + 1] - start[p]
+    return wrong
+
+
+@numba.njit(cache=True)
 def drop_misfits(start, chi2, limit, width, whitening, r, J, V):  # type: ignore[no-untyped-def]
     """Set to 0 all that is known of landmarks most of whose chi2 are above a limit.
 
     Returns:
         what they cost, by Cauchy's kernel of this width.
     """
-    cost = 0.0
+    cost, wrong = 0.0, misfits(start, chi2, limit)
     for p in range(len(start) - 1):
-        bad = 0
-        for i in range(start[p], start[p + 1]):
-            bad += chi2[i] > limit
-        if 2 * bad > start[p + 1] - start[p]:
+        if wrong[p]:
             for i in range(start[p], start[p + 1]):
                 cost += width * width * np.log1p(min(chi2[i], UNSEEN_CHI2) / (width * width))
                 whitening[i], r[i], J[i], V[i], chi2[i] = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from point_world import CAMERA, RHO_SIGMA, UV_SIGMA, odometry, position_rms, taken, world
+from point_world import CAMERA, RHO_SIGMA, UV_SIGMA, odometry, position_rms, world
 from slam.backend import reduced
 from slam.backend.bundle import BodyPath, bundle
 from slam.backend.config import BundleConfig
 from slam.backend.linearise import linearise
 from slam.factors import landmark_terms
 from slam.geometry import se3
+from slam.map import taken
 from slam.residuals import camera_tuple
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from point_world import CAMERA, odometry, position_rms, taken, world
+from point_world import CAMERA, odometry, position_rms, stream, world
 from slam.backend.atlas import Atlas
 from slam.backend.bundle import bundle
 from slam.backend.config import BundleConfig, WindowConfig
@@ -15,7 +15,7 @@ from slam.backend.window import SlidingWindow
 from slam.geometry import camera as pinhole
 from slam.geometry import line
 from slam.line_sightings import packed
-from slam.map import STATIC, LineObservations, MapRecord
+from slam.map import LineObservations, MapRecord, taken
 
 PX, RHO = 0.05, 0.001
 
@@ -88,7 +88,7 @@ def test_degenerate_lines_do_no_harm(case):
         seen = replace(seen, ends_px=np.repeat(seen.ends_px[:, :1], 2, axis=1))
     elif case == "none":
         lines = np.zeros((0, 10))
-        seen = taken_lines(seen, np.zeros(0, np.int64))
+        seen = taken(seen, np.zeros(0, np.int64))
     got = bundle(path, xyz, s, CAMERA, BundleConfig(), lines, seen)
     assert got.objective <= got.objective_before
     assert np.isfinite(got.T_body_camera).all()
@@ -96,34 +96,21 @@ def test_degenerate_lines_do_no_harm(case):
     assert position_rms(got.T_body_camera, T) < position_rms(path.T_body_camera, T) + 1e-3
 
 
-def taken_lines(s, index):
-    return LineObservations(*(getattr(s, name)[index] for name in s.__slots__))
-
-
 @pytest.mark.parametrize("spoil", [False, True])
 def test_the_window_holds_lines_that_leave_it(spoil):
     T, _, _ = world(1, frames=24)
     lines, seen = lines_of(T, 1)
     path = odometry(T, 1)
-    record, online = MapRecord(), []
-    window = SlidingWindow(CAMERA, WindowConfig(), BundleConfig(), record)
-    static = record.bodies[STATIC]
-    for row in range(len(T)):
-        record.indices.append(row)
-        if row == 0:
-            static.begin(0, T[0])
-            record.lines.add_landmarks(np.zeros(len(lines), np.int64), lines)
-        else:
-            static.add(row, path.steps[row], path.information[row])
-        now = taken_lines(seen, seen.frame == row)
+    window = SlidingWindow(CAMERA, WindowConfig(), BundleConfig(), MapRecord())
+
+    def given(row, now):
         if row == 0:                              # as anchors say it: noise not known yet
             now = replace(now, covariance=np.full((len(now), 2, 2), np.nan))
         if spoil and 10 <= row < 13:
             now = replace(now, ends_px=now.ends_px * np.nan)
-        record.lines.add_observations(now)
-        window.advance(row, [STATIC])
-        online.append(static.poses[-1])
-    online = np.array(online)
+        return now
+
+    online = stream(T, path, window, lines=(lines, seen), spoil=given)
     assert np.isfinite(online).all()
     assert np.isfinite(window.lines.alive.place).all()
     assert (window.lines.alive.information[:, 0, 0] > 0).any()

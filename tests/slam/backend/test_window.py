@@ -6,34 +6,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from point_world import CAMERA, odometry, position_rms, taken, world
+from point_world import CAMERA, odometry, position_rms, stream, world
 from slam.backend.config import BundleConfig, WindowConfig
 from slam.backend.window import SlidingWindow
 from slam.geometry import se3
-from slam.map import STATIC, MapRecord
+from slam.map import STATIC, MapRecord, taken
 
 FRAMES = 24
 
 
-def stream(T, xyz, s, path, config=None, spoil=None, window=None):
-    """Feed a world to a window frame by frame; the record, and each pose as it first came out."""
-    online = []
-    if window is None:
-        window = SlidingWindow(CAMERA, config or WindowConfig(), BundleConfig(), MapRecord())
-    record = window.record
-    static = record.bodies[STATIC]
-    for row in range(len(T)):
-        record.indices.append(row)
-        if row == 0:
-            static.begin(0, T[0])
-            record.points.add_landmarks(np.zeros(len(xyz), np.int64), xyz)
-        else:
-            static.add(row, path.steps[row], path.information[row])
-        seen = taken(s, s.frame == row)
-        record.points.add_observations(spoil(row, seen) if spoil else seen)
-        window.advance(row, [STATIC])
-        online.append(static.poses[-1])
-    return record, np.array(online), window
+def window_of(**settings):
+    return SlidingWindow(CAMERA, WindowConfig(**settings), BundleConfig(), MapRecord())
 
 
 def test_poses_come_out_better_than_the_steps_lead_to():
@@ -41,9 +24,10 @@ def test_poses_come_out_better_than_the_steps_lead_to():
     for seed in range(3):
         T, xyz, s = world(seed, frames=FRAMES)
         path = odometry(T, seed)
-        record, online, _ = stream(T, xyz + 0.02, s, path)
+        window = window_of()
+        online = stream(T, path, window, (xyz + 0.02, s))
         ratios.append(position_rms(online, T) / position_rms(path.T_body_camera, T))
-        assert position_rms(np.array(record.bodies[STATIC].poses), T) < position_rms(
+        assert position_rms(np.array(window.record.bodies[STATIC].poses), T) < position_rms(
             path.T_body_camera, T)
     assert np.mean(ratios) < 0.6
 
@@ -51,9 +35,8 @@ def test_poses_come_out_better_than_the_steps_lead_to():
 def test_what_leaves_the_window_is_worth_keeping():
     errors = {}
     for weight in (0.0, 0.5):
-        config = WindowConfig(prior_weight=weight)
         errors[weight] = np.mean([
-            position_rms(stream(T, xyz, s, odometry(T, seed), config)[1], T)
+            position_rms(stream(T, odometry(T, seed), window_of(prior_weight=weight), (xyz, s)), T)
             for seed in range(8) for T, xyz, s in [world(seed, frames=FRAMES)]])
     assert errors[0.5] < 0.98 * errors[0.0]
 
@@ -66,8 +49,8 @@ def test_sightings_of_frames_that_have_left_pull_at_no_pose():
         oldest.append(row - window.points.sightings.frame.min(initial=row))
         return seen
 
-    window = SlidingWindow(CAMERA, WindowConfig(frames=6), BundleConfig(), MapRecord())
-    stream(T, xyz, s, odometry(T, 0), spoil=note, window=window)
+    window = window_of(frames=6)
+    stream(T, odometry(T, 0), window, (xyz, s), spoil=note)
     assert max(oldest) == 6          # noted before the frame comes in: five frames before the last
 
 
@@ -75,13 +58,14 @@ def test_a_landmark_away_for_longer_than_a_window_does_no_harm():
     T, xyz, s = world(0, frames=FRAMES)
     path = odometry(T, 0)
     away = taken(s, (s.landmark > 5) | (s.frame < 4) | (s.frame > 14))
-    _, online, _ = stream(T, xyz, away, path)
+    online = stream(T, path, window_of(), (xyz, away))
     assert position_rms(online, T) < position_rms(path.T_body_camera, T)
 
 
 def test_memory_does_not_grow_with_the_run():
     T, xyz, s = world(0, frames=FRAMES)
-    _, _, window = stream(T, xyz, s, odometry(T, 0))
+    window = window_of()
+    stream(T, odometry(T, 0), window, (xyz, s))
     assert np.unique(window.points.raw.frame).tolist() == list(range(FRAMES - 7, FRAMES))
     assert len(window.points.alive.number) <= len(xyz)
 
@@ -115,11 +99,12 @@ def test_bad_input_leaves_no_nan_and_no_jump(spoil, known_steps):
     path = odometry(T, 1)
     if not known_steps:
         path = replace(path, information=path.information * 0.0)
-    record, online, window = stream(T, xyz, s, path, spoil=spoil)
+    window = window_of()
+    online = stream(T, path, window, (xyz, s), spoil=spoil)
     assert np.isfinite(online).all()
     assert np.isfinite(window.points.alive.place).all()
     assert np.isfinite(window.points.alive.information).all()
-    assert_allclose(np.array(record.bodies[STATIC].poses)[0], T[0])
+    assert_allclose(np.array(window.record.bodies[STATIC].poses)[0], T[0])
     if known_steps and spoil is not one_place:
         steps = se3.inverse(online[:-1]) @ online[1:]
         true = se3.inverse(T[:-1]) @ T[1:]
