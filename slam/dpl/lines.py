@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from slam.dpl.config import LineConfig
 from slam.dpl.features import KeyLines, no_lines
+from slam.dpl.lbd import describe_lines
 from slam.frontend.sampling import nearest
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.geometry.arrays import Array
@@ -15,11 +15,10 @@ _SIDE_PX = 2.5           # from a segment to the pixels that tell its brighter s
 
 
 class LineDetector:
-    """The longest segments of an image, described by cv2's LBD."""
+    """The longest segments of an image, described by line bands (LBD)."""
 
     def __init__(self, config: LineConfig) -> None:
         self.config = config
-        self._lbd = cv2.line_descriptor.BinaryDescriptor_createBinaryDescriptor()
 
     def __call__(self, gray: Array, depth_m: Array | None = None) -> KeyLines:
         """The segments of an image (H, W) uint8; depth is fitted along each from (H, W), metres."""
@@ -32,13 +31,11 @@ class LineDetector:
         if not len(ends):
             return no_lines()
         ends = bright_side_left(ends, gray)
-        kept, descriptor = self._lbd.compute(gray, _cv_lines(ends, gray.shape))
-        ends = ends[[line.class_id for line in kept]]
         depth = np.zeros((len(ends), 2))
         if depth_m is not None:
             # A segment over a border of depth, or on no surface, has no depth: it is matched only.
             depth = cull_segments(ends, depth_m)[2]
-        return KeyLines(ends, descriptor.reshape(-1, 32), depth)
+        return KeyLines(ends, describe_lines(gray, ends), depth)
 
 
 def bright_side_left(ends: Array, gray: Array) -> Array:
@@ -54,25 +51,3 @@ def bright_side_left(ends: Array, gray: Array) -> Array:
     step = _SIDE_PX * left[:, None]
     brighter = nearest(gray, on + step).astype(np.int32) - nearest(gray, on - step)
     return np.where((brighter.sum(axis=1) < 0)[:, None, None], ends[:, ::-1], ends)
-
-
-def _cv_lines(ends: Array, shape: tuple[int, ...]) -> list[cv2.line_descriptor.KeyLine]:
-    """Segments (L, 2, 2) as cv2 takes them."""
-    return [_cv_line(i, row, max(shape[:2])) for i, row in enumerate(ends.reshape(-1, 4).tolist())]
-
-
-def _cv_line(number: int, row: list[float], size: int) -> cv2.line_descriptor.KeyLine:
-    u0, v0, u1, v1 = row
-    line = cv2.line_descriptor.KeyLine()
-    line.class_id, line.octave = number, 0
-    line.startPointX = line.sPointInOctaveX = u0
-    line.startPointY = line.sPointInOctaveY = v0
-    line.endPointX = line.ePointInOctaveX = u1
-    line.endPointY = line.ePointInOctaveY = v1
-    line.pt = (0.5 * (u0 + u1), 0.5 * (v0 + v1))
-    line.angle = float(np.arctan2(v1 - v0, u1 - u0))
-    line.lineLength = float(np.hypot(u1 - u0, v1 - v0))
-    line.response = line.lineLength / size
-    line.size = abs((u1 - u0) * (v1 - v0))
-    line.numOfPixels = int(max(abs(u1 - u0), abs(v1 - v0))) + 1
-    return line
