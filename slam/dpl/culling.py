@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from slam.geometry.arrays import Array
@@ -52,13 +53,30 @@ def cull_points(features_px: Array, dynamic_px: Array, boxes: Array, full: Array
         return np.ones(len(features_px), bool)
     in_box, dynamic_in = inside_boxes(features_px, boxes), inside_boxes(dynamic_px, boxes)
     gone = np.asarray(in_box[full].any(axis=0))
-    square = np.sum((features_px[:, None] - dynamic_px[None]) ** 2, axis=2)
-    together = (in_box.T.astype(np.float32) @ dynamic_in.astype(np.float32)) > 0      # (N, D)
-    in_none, moves_in_none = np.asarray(~in_box.any(axis=0)), np.asarray(~dynamic_in.any(axis=0))
-    outside = in_none[:, None] & moves_in_none[None]
-    gone |= (together & (square <= near_px**2)).any(axis=1)
-    gone |= (outside & (square <= near_outside_px**2)).any(axis=1)
-    return np.asarray(~gone)
+    return np.asarray(~(gone | _near_dynamic(features_px, dynamic_px, in_box, dynamic_in,
+                                             near_px**2, near_outside_px**2)))
+
+
+@numba.njit(cache=True, nogil=True)
+def _near_dynamic(features, dynamic, in_box, dynamic_in,  # type: ignore[no-untyped-def]
+                  near2, near_outside2):
+    """(N,) bool: with a dynamic feature of the same box near, or of no box where it is in none."""
+    out = np.zeros(len(features), np.bool_)
+    farthest2 = max(near2, near_outside2)
+    for n in range(len(features)):
+        for d in range(len(dynamic)):
+            du, dv = features[n, 0] - dynamic[d, 0], features[n, 1] - dynamic[d, 1]
+            square = du * du + dv * dv
+            if square > farthest2:
+                continue
+            together, inside = False, False
+            for b in range(len(in_box)):
+                together |= in_box[b, n] and dynamic_in[b, d]
+                inside |= in_box[b, n] or dynamic_in[b, d]
+            if (together and square <= near2) or (not inside and square <= near_outside2):
+                out[n] = True
+                break
+    return out
 
 
 def cull_lines(ends_px: Array, dynamic_px: Array, boxes: Array, full: Array, near_px: float,
