@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +16,7 @@ from slam.dpl.culling import (
     inside_boxes,
     usable_boxes,
 )
-from slam.dpl.epipolar import corners, epipolar_distance, follow, fundamental
+from slam.dpl.epipolar import epipolar_distance, follow, fundamental
 from slam.dpl.features import Features
 from slam.dpl.orb import spread
 from slam.dpl.pose import refine_pose
@@ -61,7 +62,7 @@ class Moved:
 class _Seen:
     gray: Array
     depth_m: Array
-    corners_px: Array
+    corners_px: Callable[[], Array]      # (N, 2), once they are asked for
     ends_px: Array       # (L, 2, 2)
 
 
@@ -73,11 +74,16 @@ class MoverCuller:
         self._before: _Seen | None = None
         self._moved: list[tuple[Array, float]] = []      # box, when something last moved in it
 
-    def test(self, gray: Array, depth_m: Array, boxes: Boxes2D | None, T_a_b: Array) -> Moved:
-        """What moved since the last frame; `T_a_b` is the motion expected since then."""
+    def test(self, gray: Array, depth_m: Array, boxes: Boxes2D | None, T_a_b: Array,
+             corners_px: Callable[[], Array]) -> Moved:
+        """What moved since the last frame.
+
+        Args:
+            T_a_b: (4, 4) the motion expected since then.
+            corners_px: this frame's corners (N, 2), which are asked for with the next frame.
+        """
         before, area = self._before, self._usable(boxes)
-        self._before = _Seen(gray, depth_m, corners(gray, self.config.cull.corners),
-                             np.zeros((0, 2, 2)))
+        self._before = _Seen(gray, depth_m, corners_px, np.zeros((0, 2, 2)))
         if before is None or before.gray.shape != gray.shape:
             return Moved(np.zeros((0, 2)), np.zeros((0, 2)), area)
         tested, dynamic = self._test(before, gray, depth_m, area, T_a_b)
@@ -99,10 +105,10 @@ class MoverCuller:
     def _test(self, before: _Seen, gray: Array, depth_m: Array, area: Array, T_a_b: Array
               ) -> tuple[Array, Array]:
         """Where corners and line ends are now (N, 2), and those (D, 2) of them that moved."""
-        c = self.config.cull
-        pixels = np.concatenate([before.corners_px, before.ends_px.reshape(-1, 2)])
-        is_corner = np.arange(len(pixels)) < len(before.corners_px)
-        across = _across(before.ends_px, len(before.corners_px))
+        c, corners_px = self.config.cull, before.corners_px()
+        pixels = np.concatenate([corners_px, before.ends_px.reshape(-1, 2)])
+        is_corner = np.arange(len(pixels)) < len(corners_px)
+        across = _across(before.ends_px, len(corners_px))
         pair = follow(before.gray, gray, pixels, c.border_px, c.patch_difference,
                       self._expected(before, pixels, T_a_b))
         a, b, across = pair.before_px[pair.good], pair.now_px[pair.good], across[pair.good]

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from slam.dpl.config import DplConfig
+from slam.dpl.epipolar import corners
 from slam.dpl.features import Features, KeyLines
 from slam.dpl.lines import LineDetector
 from slam.dpl.movers import MoverCuller
@@ -40,11 +41,17 @@ class FrameObserver:
         culls = self.config.cull.enabled
         pair = self._right_of(frame, picture)
         lines = self._beside.submit(self._lines_of, picture, pair)
+        # Of use after the lines only: to the pose's fit, and with the next frame.
+        if self.config.anchors.enabled:
+            self._beside.submit(lambda: picture.smooth)
+        if culls:
+            later = self._beside.submit(corners, picture.gray, self.config.cull.corners)
         points = [self.points(picture.gray, picture.depth_m),
                   *(self.right_points(each.gray) for each in pair)]
         lap("points")
         if culls:
-            moved = self.movers.test(picture.gray, picture.depth_m, frame.boxes, T_a_b)
+            moved = self.movers.test(picture.gray, picture.depth_m, frame.boxes, T_a_b,
+                                     later.result)
             lap("movers")
         whole, *right = (Features(p, q) for p, q in zip(points, lines.result(), strict=True))
         lap("wait for lines")
