@@ -107,7 +107,18 @@ def spread(uv_px: Array, response: Array, shape: tuple[int, ...], count: int) ->
     side = max(np.sqrt(shape[0] * shape[1] / (_FILL * count)), 1.0)
     columns = int(shape[1] / side) + 1
     cell = (uv_px[:, 1] / side).astype(np.int64) * columns + (uv_px[:, 0] / side).astype(np.int64)
-    order = np.lexsort((-response, cell))
-    rank = np.arange(len(order)) - np.searchsorted(cell[order], cell[order], side="left")
-    best = np.lexsort((-response[order], rank))[:count]
-    return np.sort(order[best])
+    strongest_first = np.argsort(-response, kind="stable")
+    rank = _ranks(cell, strongest_first)
+    kept = strongest_first[np.argsort(rank[strongest_first], kind="stable")[:count]]
+    return np.sort(kept)
+
+
+@numba.njit(cache=True, nogil=True)
+def _ranks(cell, order):  # type: ignore[no-untyped-def]
+    """(N,) how many of the same cell come before each, in this order."""
+    taken = np.zeros(cell.max() + 1, np.int64)
+    rank = np.empty(len(cell), np.int64)
+    for n in order:
+        rank[n] = taken[cell[n]]
+        taken[cell[n]] += 1
+    return rank

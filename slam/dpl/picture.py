@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
+import numba
 import numpy as np
 
 from slam.dpl.config import DepthConfig
@@ -50,6 +51,15 @@ class Picture:
 
 def clean_depth(depth_m: Array, config: DepthConfig) -> Array:
     """Depth (H, W) with 0 wherever it is none: not finite, or too near to be one."""
-    with np.errstate(invalid="ignore"):
-        good = (depth_m >= config.min_m) & np.isfinite(depth_m)
-    return np.where(good, depth_m, np.float32(0.0))
+    return np.asarray(_between(np.asarray(depth_m, np.float32), np.float32(config.min_m)))
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(depth, least):  # type: ignore[no-untyped-def]
+    """The values from `least` on that are finite; 0 for the others."""
+    out = np.zeros_like(depth)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            if least <= depth[v, u] < np.inf:
+                out[v, u] = depth[v, u]
+    return out

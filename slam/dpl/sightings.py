@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from slam.dpl.features import KeyLines, KeyPoints
-from slam.geometry import se3
 from slam.geometry.arrays import Array, freeze_fields
-from slam.geometry.camera import project
+from slam.residuals import camera_tuple
 from slam.types import Intrinsics
 
 _ALONG_PX = 30.0         # standard deviation of an end along its line
@@ -69,29 +69,46 @@ def of_line_ends(ends_world: Array, lines: KeyLines, T_world_camera: Array, came
 
     The foot of each end is taken at the pose given.
     """
-    a, b = lines.ends_px[:, 0], lines.ends_px[:, 1]
-    along = b - a
-    length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    along = along / length
-    xyz = se3.transform_points(se3.inverse(T_world_camera), ends_world.reshape(-1, 3))
-    uv = project(camera, xyz).reshape(-1, 2, 2)
-    s = np.nan_to_num(np.sum((uv - a[:, None]) * along[:, None], axis=2))       # (L, 2) px
-    foot = a[:, None] + s[:, :, None] * along[:, None]
-    known = np.asarray((lines.depth_m > 0).all(axis=1))
-    ends_rho = 1.0 / np.where(known[:, None], lines.depth_m, 1.0)
-    share = s / length
-    rho = ends_rho[:, :1] * (1 - share) + ends_rho[:, 1:] * share
-    # Beyond the seen segment its depth is guessed, the less certainly the farther.
-    beyond = np.maximum(np.abs(share - 0.5) - 0.5, 0.0)
-    certain = np.where(known[:, None], 1.0 / (rho_sigma * (1.0 + 4.0 * beyond)), 0.0)
-    angled = _line_whitening(along, sigma_px)
-    whitening = np.concatenate([np.repeat(angled[:, None], 2, axis=1), certain[:, :, None]], 2)
-    return Sightings(foot.reshape(-1, 2), whitening.reshape(-1, 4), rho.reshape(-1))
+    return Sightings(*_of_line_ends(
+        np.ascontiguousarray(ends_world), np.ascontiguousarray(lines.ends_px),
+        np.ascontiguousarray(lines.depth_m), np.ascontiguousarray(T_world_camera),
+        camera_tuple(camera), sigma_px, rho_sigma))
 
 
-def _line_whitening(along: Array, sigma_px: float) -> Array:
-    """(L, 3): lower triangle of L⁻¹ for Σ = σ² n nᵀ + σ_along² d dᵀ."""
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    cov = (sigma_px**2 * normal[:, :, None] * normal[:, None]
-           + _ALONG_PX**2 * along[:, :, None] * along[:, None])
-    return whitening_of(cov)
+@numba.njit(cache=True, nogil=True)
+def _of_line_ends(ends, seen, depth, T, camera, sigma_px, rho_sigma):  # type: ignore[no-untyped-def]
+    fx, fy, cx, cy = camera
+    n = len(ends)
+    foot, whitening, rho = np.empty((2 * n, 2)), np.empty((2 * n, 4)), np.empty(2 * n)
+    x = np.empty(3)
+    for i in range(n):
+        au, av = seen[i, 0, 0], seen[i, 0, 1]
+        du, dv = seen[i, 1, 0] - au, seen[i, 1, 1] - av
+        length = max(np.sqrt(du * du + dv * dv), 1e-9)
+        du, dv = du / length, dv / length
+        # Lower triangle of L⁻¹ for Σ = L Lᵀ = σ² n nᵀ + σ_along² d dᵀ.
+        across2, along2 = sigma_px * sigma_px, _ALONG_PX * _ALONG_PX
+        l00 = np.sqrt(across2 * dv * dv + along2 * du * du)
+        l10 = (along2 - across2) * du * dv / l00
+        l11 = np.sqrt(max(across2 * du * du + along2 * dv * dv - l10 * l10, 1e-12))
+        known = depth[i, 0] > 0 and depth[i, 1] > 0
+        for e in range(2):
+            k = 2 * i + e
+            for row in range(3):
+                x[row] = 0.0
+                for column in range(3):
+                    x[row] += T[column, row] * (ends[i, e, column] - T[column, 3])
+            s = 0.0                      # px along the segment; an end that has no image: its start
+            if x[2] > 0.0:
+                s = (fx * x[0] / x[2] + cx - au) * du + (fy * x[1] / x[2] + cy - av) * dv
+            foot[k, 0], foot[k, 1] = au + s * du, av + s * dv
+            whitening[k, 0], whitening[k, 1] = 1.0 / l00, -l10 / (l00 * l11)
+            whitening[k, 2], whitening[k, 3] = 1.0 / l11, 0.0
+            rho[k] = 0.0
+            if known:
+                share = s / length
+                rho[k] = (1.0 - share) / depth[i, 0] + share / depth[i, 1]
+                # Beyond the seen segment its depth is guessed, the less certainly the farther.
+                beyond = max(abs(share - 0.5) - 0.5, 0.0)
+                whitening[k, 3] = 1.0 / (rho_sigma * (1.0 + 4.0 * beyond))
+    return foot, whitening, rho
