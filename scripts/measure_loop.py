@@ -18,7 +18,9 @@ import numpy as np
 
 import simbench
 from simbench.inputs import Feed, InputChoice
+from simbench.metrics.loops import loop_metrics
 from simbench.metrics.trajectory import ate_errors, rigid_alignment
+from simbench.score import truncated
 from simbench.sequence import SequenceTruth
 from slam.dpl.config import DplConfig
 from slam.geometry import se3
@@ -26,7 +28,6 @@ from slam.geometry.arrays import Array
 from slam.systems.dpl import DplSlam
 from slam.systems.registry import default_config
 
-_FALSE_M, _FALSE_DEG = 0.5, 5.0
 _NEAR_M = 1.0
 _AT_ONCE = 200           # lines
 
@@ -39,8 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--depth", default=None)
     parser.add_argument("--frames", type=int, default=None)
     given = parser.parse_args(arguments)
-    print("| sequence | loops, false | ATE m: without | with | lines to edges m: without | with |")
-    print("|---|---|---|---|---|---|")
+    print("| sequence | loops, false | ATE m: without | with | ratio | lines to edges m: without | "
+          "with |\n|---|---|---|---|---|---|---|")
     for folder in given.folders:
         sequence = simbench.open_sequence(folder)
         feed = Feed(sequence, InputChoice(flow="dis", masks="none", boxes="none",
@@ -68,17 +69,10 @@ def row(name: str, systems: list[DplSlam], truth: SequenceTruth, frames: int) ->
         placed = rigid_alignment(result.T_world_camera[:, :3, 3], true[:, :3, 3])
         lines.append(np.nan if edges is None or result.lines_world is None else edge_distance(
             se3.transform_points(placed, result.lines_world.mean(axis=1)), edges))
-    loops = systems[1].loop_closer.loops
-    false = sum(is_false(x.T_old_keyframe, true[x.old.frame], true[x.keyframe.frame])
-                for x in loops)
-    return (f"| {name} | {len(loops)}, {false} | {ate[0]:.4f} | {ate[1]:.4f} | {lines[0]:.4f} | "
-            f"{lines[1]:.4f} |")
-
-
-def is_false(T_old_new: Array, T_world_old: Array, T_world_new: Array) -> bool:
-    error = se3.inverse(T_old_new) @ se3.inverse(T_world_old) @ T_world_new
-    return bool(np.linalg.norm(error[:3, 3]) > _FALSE_M
-                or np.degrees(se3.rotation_angle(error[:3, :3])) > _FALSE_DEG)
+    loops = loop_metrics(result, truth.trajectories.stamps_s[:frames],
+                         truncated(truth.trajectories, frames))
+    return (f"| {name} | {loops['closed']}, {loops['false']} | {ate[0]:.4f} | {ate[1]:.4f} | "
+            f"{ate[1] / ate[0]:.2f} | {lines[0]:.4f} | {lines[1]:.4f} |")
 
 
 def static_edges(truth: SequenceTruth) -> Array:

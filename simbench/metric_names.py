@@ -62,6 +62,7 @@ METRICS: Mapping[str, Metric] = {metric.name: metric for metric in (
     _error("flow.epe", "px", 1e-3, "end-point error of the flow given"),
     Metric("lines.static_tracklet_length", "frames", "higher", 0.02, True, 1.0,
            "mean life of a static line"),
+    Metric("loops.false", "", "lower", 0.5, False, help="loops closed at another place"),
     *(Metric(f"consistency.efficiency_{of}", "", "higher", 0.05, True, 0.01,
              help=f"{of}: Cramér–Rao bound over mean squared translation error")
       for of in ("camera", "objects")),

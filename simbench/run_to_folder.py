@@ -61,7 +61,8 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
         "intrinsics": asdict(feed.intrinsics), "versions": versions()})
     online = Online.of(record)
     content = ReportContent.of(metrics, record.stamps_s, online.camera, online.motions,
-                               online.owner, trajectories, exact, film.pictures, config, entries)
+                               online.owner, trajectories, exact, film.pictures, config, entries,
+                               record.result)
     if trajectories is not None:
         for key, block in rigid_fit_metrics(measures.fits.H_world, content.object_errors,
                                             online.motions, online.camera, trajectories).items():

@@ -21,6 +21,7 @@ from simbench.metrics.estimates import (
     online_motions,
 )
 from simbench.metrics.lines import line_metrics
+from simbench.metrics.loops import loop_metrics
 from simbench.metrics.objects import ObjectErrors, object_errors, object_metrics
 from simbench.metrics.timing import peak_rss_mb, timing_metrics
 from simbench.record import RunRecord
@@ -73,6 +74,8 @@ def score(trajectories: Trajectories | None, record: RunRecord, *, exact: bool =
             out |= _batch_blocks(camera, motions, online.owner, truth, exact)
     if record.result is not None:
         out["lines"] = line_metrics(record.result)
+        out["loops"] = loop_metrics(record.result, record.stamps_s, None if trajectories is None
+                                    else truncated(trajectories, len(record.estimates)))
     done = record.processed
     out["timing"] = timing_metrics(
         record.ms_per_frame[done],
@@ -98,6 +101,7 @@ def evaluate(sequence: Sequence, result: SlamResult) -> dict[str, Any]:
         raise UserError(f"{sequence.name}: not a result of this sequence: {error}") from None
     out = poses_and_motions_metrics(camera, motions, truth, sequence.truth.has_images)
     out["lines"] = line_metrics(result)
+    out["loops"] = loop_metrics(result, truth.stamps_s, truth)
     return {key: value for key, value in out.items() if value}
 
 

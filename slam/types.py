@@ -187,6 +187,21 @@ class ObjectTrack:
 
 
 @dataclass(frozen=True, slots=True)
+class ClosedLoops:
+    """N places that were seen again, and by which the map was corrected."""
+
+    row: Array               # (N,) int64 of the run: the frame that closed each
+    seen_before: Array       # (N,) int64: the frame that it was found again in
+    T_before_now: Array      # (N, 4, 4) the camera then to the camera now, as it was measured
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, row=("N",), seen_before=("N",), T_before_now=("N", 4, 4))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+@dataclass(frozen=True, slots=True)
 class SlamResult:
     """What `finish` returns: the whole run after the last refinement."""
 
@@ -199,6 +214,7 @@ class SlamResult:
     static_line_tracklet_lengths: Array | None = None   # (T,) frames each static line lived
     timings_ms: Mapping[str, float] = field(default_factory=dict)   # of `finish` itself
     step_covariance: Array | None = None   # (K, 6, 6) of X_{k-1}⁻¹ X_k Exp(ξ), [ω, v]; NaN: none
+    loops: ClosedLoops | None = None       # None: the system looks for none
 
     def __post_init__(self) -> None:
         freeze_fields(self, stamps_s=("K",), T_world_camera=("K", 4, 4), points_world=("P", 3),

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import Picture
+from simbench.report.map_plot import map_plots
 from simbench.report.plots import all_path_plots, error_plots
 from simbench.report.table import error_table, shown_number, trajectory_table
 
@@ -32,6 +33,7 @@ def render_report(content: ReportContent) -> str:
         pictures=[_shown(p) for p in content.pictures],
         errors=error_plots(content),
         paths=all_path_plots(content),
+        maps=map_plots(content.map),
         stages=_stages(metrics.get("timing", {})),
         timing=metrics.get("timing", {}),
         extras=_extras(metrics),
@@ -96,6 +98,8 @@ def _extras(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
                       f"{lines['static_tracklet_length']:.1f} frames"))
     if "epe" in flow:
         found.append(("End-point error of the flow given", f"{flow['epe']:.3g} px"))
+    if "closed" in metrics.get("loops", {}):
+        found.append(("Closed loops", _loops(metrics["loops"])))
     for of, whose in (("camera", "camera's"), ("objects", "objects'")):
         if f"nees_{of}" in consistency:
             found.append((f"NEES of the {whose} motions",
@@ -106,6 +110,15 @@ def _extras(metrics: Mapping[str, Any]) -> list[tuple[str, str]]:
             found.append((f"Efficiency of the {whose} motions",
                           f"{consistency[f'efficiency_{of}']:.0%} of the Cramér–Rao bound"))
     return found
+
+
+def _loops(loops: Mapping[str, Any]) -> str:
+    """How many, where, and whether they are true."""
+    at = [f"frame {each['frame']} at frame {each['seen_before']}'s place"
+          + (f", {each['error_m']:.3f} m and {each['error_deg']:.2f}° off" if "error_m" in each
+             else "") for each in loops["at"]]
+    false = f", {loops['false']} of them false" if loops.get("false") else ""
+    return f"{loops['closed']}{false}" + (f" ({'; '.join(at)})" if at else "")
 
 
 def _version() -> str:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 INK = "#010203"     # stands for the page's text colour
 GRID = "#040506"    # and for its faint rules
+_PIXELS_PER_INCH = 220   # of what is drawn as pixels within a figure
 _STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "simbench", "font.size": 9.0,
     "font.family": "sans-serif", "text.color": INK, "axes.labelcolor": INK,
@@ -34,7 +35,7 @@ class Drawing:
 
     def __enter__(self) -> Figure:
         self._context.__enter__()
-        self._figure = Figure(figsize=self._size, layout="constrained")
+        self._figure = Figure(figsize=self._size, layout="constrained", dpi=_PIXELS_PER_INCH)
         FigureCanvasSVG(self._figure)
         return self._figure
 

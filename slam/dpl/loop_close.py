@@ -13,6 +13,7 @@ from slam.dpl.loop_verify import Loop
 from slam.dpl.track import PoseTracker
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.types import ClosedLoops
 
 _TURN_RAD, _TURN_SHARE = 0.0005, 0.005   # σ of a relative rotation: so much, and so much of it
 _WAY_M, _WAY_SHARE = 0.001, 0.005        # and of a relative translation
@@ -26,6 +27,12 @@ class LoopCloser:
     def __init__(self, tracker: PoseTracker) -> None:
         self.tracker = tracker
         self.loops: list[Loop] = []
+
+    def closed(self) -> ClosedLoops:
+        """All loops so far."""
+        return ClosedLoops(np.array([x.keyframe.frame for x in self.loops], np.int64),
+                           np.array([x.old.frame for x in self.loops], np.int64),
+                           np.array([x.T_old_keyframe for x in self.loops]).reshape(-1, 4, 4))
 
     def close(self, map_: PointLineMap, loop: Loop) -> bool:
         """Correct the map, unless the loop is at odds with all the rest."""

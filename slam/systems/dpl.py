@@ -75,7 +75,9 @@ class DplSlam:
 
     def finish(self) -> SlamResult:
         """The whole run, each frame where its keyframe is now."""
-        return self.history.result()
+        result = self.history.result()
+        return replace(result, loops=self.loop_closer.closed()) if self.config.loop.enabled \
+            else result
 
     def _begin(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         """The first keyframe, once there is something to see."""

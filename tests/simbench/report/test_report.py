@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from browser import opened
+from simbench.metrics.camera import gauge
 from simbench.report.content import ReportContent
 from simbench.report.filmstrip import (
     DYNAMIC_LINE,
@@ -22,13 +24,15 @@ from simbench.report.filmstrip import (
     shown_speeds,
     speed_m_s,
 )
+from simbench.report.map_plot import map_plots, plane_of
+from simbench.report.map_view import map_of
 from simbench.report.page import render_report
 from simbench.report.plots import all_path_plots, error_plots
 from simbench.report.table import error_table, shown_number, trajectory_table
 from simbench.run import run, score
 from simbench.score import Online
 from slam.geometry import se3
-from slam.types import ObjectEstimate
+from slam.types import ClosedLoops, ObjectEstimate, SlamResult, Status
 from synthetic import PerturbedTruth, SyntheticFeed, SyntheticSequence, world
 
 TRUTH = world()
@@ -93,6 +97,69 @@ def test_the_page_is_well_formed_and_fetches_nothing(page):
     assert outline.figures == 3 + 2 + 6   # film; errors; camera and two objects, twice each
     assert all(s.startswith(("data:image/jpeg;base64,", "#")) for s in outline.sources)
     assert not re.search(r"url\((?!#)|@import|<script|<link", page)
+
+
+def test_the_map_is_drawn_with_lines_and_without(content):
+    seen = mapped(content)
+    both = map_plots(seen.map)
+    assert [plot.title for plot in both] == ["map: points and lines", "map: points alone"]
+    assert "2 lines" in both[0].caption
+    assert "loops closed (1)" in both[0].caption
+    shown = [pixels(plot.svg) for plot in both]
+    blue = [np.count_nonzero((image[..., 3] > 200) & (image[..., 2] > image[..., 0] + 90))
+            for image in shown]
+    assert blue[0] > 200
+    assert blue[1] == 0
+    page = render_report(seen)
+    assert page.count("<h2>Map</h2>") == 1
+    outline = Outline(page)
+    assert outline.figures == 3 + 2 + 6 + 2
+    assert all(s.startswith(("data:image/jpeg;base64,", "data:image/png;base64,", "#"))
+               for s in outline.sources)
+
+
+def test_a_map_stands_in_the_true_world_and_is_seen_along_its_shortest_axis(content):
+    seen = mapped(content).map
+    S = gauge(content.camera, TRUTH)
+    assert np.allclose(seen.points, se3.transform_points(S, POINTS))
+    flat = replace(seen, points=seen.points * [5.0, 0.1, 3.0], lines=np.zeros((0, 2, 3)))
+    assert plane_of(flat) == (0, 2)
+    assert [plot.title for plot in map_plots(flat)] == ["map: points alone"]
+
+
+def test_without_a_map_none_is_drawn(content, page):
+    assert map_plots(content.map) == []
+    assert "<h2>Map</h2>" not in page
+    none = SlamResult(np.zeros(0), np.zeros((0, 4, 4)), {}, (), np.full((3, 3), np.nan))
+    assert map_of(none, content.camera, TRUTH) is None
+
+
+def test_loops_are_told_with_their_errors(content):
+    loops = {"closed": 2, "false": 1, "at": [
+        {"frame": 30, "seen_before": 2, "position_m": [0, 0, 0], "error_m": 0.0123,
+         "error_deg": 0.5}, {"frame": 39, "seen_before": 3, "position_m": [0, 0, 0]}]}
+    page = render_report(replace(content, metrics={**content.metrics, "loops": loops}))
+    assert "2, 1 of them false (frame 30 at frame 2&#39;s place, 0.012 m and 0.50° off" in page
+
+
+POINTS = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 3))
+LINES = np.array([[[-1.0, 0.0, 1.0], [1.0, 0.5, 1.0]], [[0.0, -1.0, 1.0], [0.5, 1.0, -1.0]]])
+
+
+def mapped(content: ReportContent) -> ReportContent:
+    """The same run by a system with a map."""
+    T = content.camera.T_world_camera
+    result = SlamResult(content.stamps_s, T, {}, (Status.TRACKED,) * len(T), POINTS, LINES,
+                        loops=ClosedLoops(np.array([30]), np.array([2]), np.eye(4)[None]))
+    return replace(content, map=map_of(result, content.camera, TRUTH))
+
+
+def pixels(svg: str) -> np.ndarray:
+    """(H, W, 4) of the picture within a drawing."""
+    data = re.search(r"data:image/png;base64,([^\"]+)", svg)
+    raw = np.frombuffer(base64.b64decode(data[1]), np.uint8)
+    return cv2.cvtColor(cv2.imdecode(raw, cv2.IMREAD_UNCHANGED), cv2.COLOR_BGRA2RGBA
+                        ).astype(np.int64)
 
 
 def test_every_picture_says_in_words_what_it_shows(page):
