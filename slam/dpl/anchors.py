@@ -69,6 +69,10 @@ class Anchors:
         self._slope[rows] = np.where((planes.rho > 0)[:, None], planes.slope, 0.0)
         self.known[rows] = True
 
+    def forget(self, rows: Array) -> None:
+        """Rows that are other landmarks' now: these have no patch yet."""
+        self.known[rows[rows < len(self.known)]] = False
+
     def align(self, rows: Array, T_keyframe_world: Array, T_world_camera: Array,
               uv_start: Array, picture: Picture) -> RefinedMatches:
         """Where in a picture landmarks are, to be found around `uv_start` (N, 2).

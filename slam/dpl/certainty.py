@@ -44,6 +44,10 @@ class Certainty:
         good = np.isfinite(fresh).all(axis=(1, 2))
         self._information[rows[good]] += fresh[good]
 
+    def forget(self, rows: Array) -> None:
+        """Rows that are other landmarks' now: nothing is known of these."""
+        self._information[rows[rows < len(self._information)]] = 0.0
+
     def covariance(self, rows: Array, distance_m: Array) -> Array:
         """(N, 3, 3) m² of landmarks that a camera sees at distances (N,)."""
         held = np.zeros((len(rows), 3, 3))

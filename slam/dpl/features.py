@@ -60,5 +60,10 @@ class Features:
     lines: KeyLines
 
 
+def no_points() -> KeyPoints:
+    return KeyPoints(np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros(0),
+                     np.zeros((0, 32), np.uint8), np.zeros(0))
+
+
 def no_lines() -> KeyLines:
     return KeyLines(np.zeros((0, 2, 2)), np.zeros((0, 32), np.uint8), np.zeros((0, 2)))

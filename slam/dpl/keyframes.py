@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from slam.dpl.features import Features
+from slam.dpl.features import Features, no_lines, no_points
 from slam.dpl.landmarks import Landmarks
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -50,11 +50,16 @@ class PointLineMap:
         return keyframe
 
     def drop_keyframe(self, keyframe: Keyframe) -> None:
-        """A keyframe dies; it stays where it is as seen from the one that shares most with it."""
+        """A keyframe dies; it stays where it is as seen from the one that shares most with it.
+
+        Of what it saw nothing is kept.
+        """
         near = self.neighbours(keyframe, 1, at_least=1)
         parent = near[0] if near else self.keyframes[keyframe.number - 1]
         keyframe.alive, keyframe.parent = False, parent.number
         keyframe.T_parent = se3.inverse(self.pose(parent.number)) @ keyframe.T_world_camera
+        keyframe.features = Features(no_points(), no_lines())
+        keyframe.point_of = keyframe.line_of = np.zeros(0, np.int64)
 
     def pose(self, number: int) -> Array:
         """T_world_camera (4, 4) of a keyframe, dead ones where their parents have taken them."""
@@ -90,7 +95,8 @@ class PointLineMap:
             return
         same = csr_array((np.ones(len(a)), (a, b)), shape=(table.count, table.count))
         group = connected_components(same, directed=False)[1]
-        oldest = np.unique(group, return_index=True)[1][group]
+        by_age = np.argsort(table.born, kind="stable")
+        oldest = by_age[np.unique(group[by_age], return_index=True)[1]][group]
         gone = np.flatnonzero(oldest != np.arange(table.count))
         table.alive[gone] = False
         np.add.at(table.found, oldest[gone], table.found[gone])

@@ -1,4 +1,4 @@
-"""Tables of landmarks that grow: struct of arrays, a row for the life of a landmark."""
+"""Tables of landmarks: struct of arrays, a row for the life of a landmark, then for another's."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ class Landmarks:
     def __init__(self, positions: int) -> None:
         self._positions = positions
         self.count = 0
+        self._free = np.zeros(0, np.int64)           # rows whose landmarks are gone
         self._make(1024)
 
     def _make(self, size: int) -> None:
@@ -43,8 +44,11 @@ class Landmarks:
     def add(self, xyz: Array, descriptor: Array, level: Array, camera_centre: Array,
             keyframe: int) -> Array:
         """New landmarks (N, k, 3), seen from a camera at `camera_centre` (3,); their rows (N,)."""
-        rows = np.arange(self.count, self.count + len(xyz))
-        self._grow(len(xyz))
+        reused = min(len(self._free), len(xyz))
+        rows = np.concatenate([self._free[:reused],
+                               np.arange(self.count, self.count + len(xyz) - reused)])
+        self._free = self._free[reused:]
+        self._grow(len(xyz) - reused)
         self._xyz[rows], self._words[rows], self._level[rows] = xyz, as_words(descriptor), level
         away = camera_centre - xyz.mean(axis=1)
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
@@ -54,11 +58,15 @@ class Landmarks:
         self._found[rows] = self._visible[rows] = 1
         return rows
 
+    def reuse_dead(self) -> None:
+        """Nothing refers to landmarks that are gone any more: their rows may be had by new ones."""
+        self._free = np.flatnonzero(~self.alive)
+
     def _grow(self, more: int) -> None:
         size = len(self._alive)
         if self.count + more > size:
             held = {name: value for name, value in vars(self).items()
-                    if isinstance(value, np.ndarray)}
+                    if isinstance(value, np.ndarray) and name != "_free"}
             self._make(max(2 * size, self.count + more))
             for name, value in held.items():
                 getattr(self, name)[:size] = value

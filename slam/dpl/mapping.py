@@ -89,6 +89,7 @@ class LocalMapper:
         table.alive[seldom | lonely] = False
         for keyframe in map_.keyframes:
             map_.forget_dead(keyframe)
+        table.reuse_dead()
 
     def _choose_references(self, map_: PointLineMap, keyframe: Keyframe) -> None:
         """Reference keyframes of map lines: whoever sees the line widest and fits it well."""
@@ -117,11 +118,13 @@ class LocalMapper:
         feature = np.full(map_.lines.count + 1, -1, np.int64)
         seen = np.flatnonzero(keyframe.line_of >= 0)
         feature[keyframe.line_of[seen]] = seen
-        at = feature[rows]
-        misfit = line_misfit_px(map_.lines.xyz[rows], keyframe.features.lines.ends_px[at],
+        known = np.flatnonzero(feature[rows] >= 0)       # none of a keyframe that is gone
+        misfit = line_misfit_px(map_.lines.xyz[rows[known]],
+                                keyframe.features.lines.ends_px[feature[rows[known]]],
                                 keyframe.T_world_camera, self.camera)
-        sigma = self.config.track.line_sigma_px
-        return np.where(at >= 0, breadth / (1.0 + (misfit / sigma) ** 2), 0.0)
+        out = np.zeros(len(rows))
+        out[known] = breadth[known] / (1.0 + (misfit / self.config.track.line_sigma_px) ** 2)
+        return out
 
     def _cull_keyframes(self, map_: PointLineMap, neighbours: list[Keyframe]) -> None:
         """Neighbours whose points are nearly all seen by three others go."""

@@ -28,6 +28,7 @@ class LandmarkMemory:
 
     def learn(self, map_: PointLineMap, keyframe: Keyframe, picture: Picture) -> None:
         """Remember the landmarks of a keyframe that was just made of this picture."""
+        self._forget_former(map_, keyframe.number)
         held = np.flatnonzero(keyframe.point_of >= 0)
         rows, points = keyframe.point_of[held], keyframe.features.points[held]
         depth = points.depth_m
@@ -43,6 +44,13 @@ class LandmarkMemory:
         self._ends.add(_rows_of_ends(rows), ends.reshape(-1, 3), of_line_ends(
             ends, keyframe.features.lines[held], T, self.camera, c.track.line_sigma_px, rho_sigma),
             T, self.camera, width)
+
+    def _forget_former(self, map_: PointLineMap, number: int) -> None:
+        """Rows of the landmarks that a keyframe made may have been others' before."""
+        new = np.flatnonzero(map_.points.born == number)
+        self.anchors.forget(new)
+        self._points.forget(new)
+        self._ends.forget(_rows_of_ends(np.flatnonzero(map_.lines.born == number)))
 
     def covariance(self, pairs: Pairs, point_rows: Array, line_rows: Array, T_world_camera: Array
                    ) -> Array:

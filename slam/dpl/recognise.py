@@ -32,6 +32,18 @@ class PlaceIndex:
         self._held = entries.stop
         self.bags.append(bag)
 
+    def keep_only(self, alive: Array) -> None:
+        """Forget what keyframes that are gone looked like: (K,) bool, those that are not."""
+        stays = alive[self._keyframe[:self._held]]
+        if stays.all():
+            return
+        held = int(np.count_nonzero(stays))
+        for entries in (self._keyframe, self._word, self._weight):
+            entries[:held] = entries[:self._held][stays]
+        self._held = held
+        for number in np.flatnonzero(~alive):
+            self.bags[number] = Bag(np.zeros(0, np.int64), np.zeros(0))
+
     def scores(self, bag: Bag) -> Array:
         """(K,) likeness of each keyframe, 0 to 1: what both bags have in common, Σ min(v, w).
 

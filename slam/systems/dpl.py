@@ -106,6 +106,7 @@ class DplSlam:
         assert self.picture is not None
         self.memory.learn(self.map, keyframe, self.picture)
         self.places.add(keyframe.features.points.descriptor)
+        self.places.keep_only(np.array([k.alive for k in self.map.keyframes]))
         if self.config.loop.enabled:
             self._close_loop(keyframe)
         self.reference, self.most_held = keyframe, 0

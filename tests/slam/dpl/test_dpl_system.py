@@ -158,3 +158,16 @@ def test_a_frame_that_repeats_stands_still(scene):
     for e in estimates[5:]:
         assert e.status == Status.TRACKED
         assert np.abs(se3.log(e.T_previous_camera)).max() < 0.01
+
+
+def test_a_map_of_what_was_seen_before_stops_growing(scene):
+    """The same frames forth and back: rows of landmarks, not only the living, come to an end."""
+    _, frames = scene
+    there_and_back = [*range(FRAMES), *range(FRAMES - 2, 0, -1)]
+    system, rows = slam.make("dpl", bw.CAMERA), []
+    for number in range(6 * len(there_and_back)):
+        system.process(replace(frames[there_and_back[number % len(there_and_back)]],
+                               index=number, stamp_s=number / 30.0))
+        if (number + 1) % len(there_and_back) == 0:
+            rows.append(system.map.points.count + system.map.lines.count)
+    assert rows[-1] <= 1.1 * rows[1]

@@ -69,3 +69,38 @@ def test_merged_landmarks_are_the_oldest_and_a_keyframe_sees_each_once():
 def test_landmarks_in_common_are_counted_for_each_pair():
     map_ = map_of(POSES, POINTS, LINES)
     assert_array_equal(shared_landmarks(map_, map_.keyframes), [[4, 3, 1], [3, 6, 3], [1, 3, 5]])
+
+
+def test_rows_of_landmarks_that_are_gone_are_had_by_new_ones():
+    map_ = map_of(POSES, POINTS, LINES)
+    map_.points.alive[[1, 4]] = False
+    map_.points.found[1] = 7
+    for keyframe in map_.keyframes:
+        map_.forget_dead(keyframe)
+    map_.points.reuse_dead()
+    xyz = np.arange(9.0).reshape(3, 1, 3)
+    rows = map_.points.add(xyz, np.zeros((3, 32), np.uint8), np.zeros(3, np.int32), np.ones(3), 5)
+    assert rows.tolist() == [1, 4, 6]
+    assert_array_equal(map_.points.xyz[rows], xyz)
+    assert map_.points.alive.all()
+    assert map_.points.found[1] == 1
+    assert map_.points.born[rows].tolist() == [5, 5, 5]
+    again = map_.points.add(xyz, np.zeros((3, 32), np.uint8), np.zeros(3, np.int32), np.ones(3), 6)
+    assert again.tolist() == [7, 8, 9]
+
+
+def test_the_oldest_of_merged_landmarks_stays_whatever_its_row():
+    map_ = map_of(POSES, POINTS, LINES)
+    map_.points.born[:] = [3, 2, 1, 4, 5, 6]
+    map_.merge(map_.points, np.array([0]), np.array([2]))
+    assert map_.points.alive.tolist() == [False, True, True, True, True, True]
+    assert map_.keyframes[0].point_of.tolist() == [2, 1, -1, -1]
+
+
+def test_of_a_dead_keyframe_only_its_place_is_kept():
+    map_ = map_of(POSES, POINTS, LINES)
+    map_.drop_keyframe(map_.keyframes[2])
+    dead = map_.keyframes[2]
+    assert (len(dead.features.points), len(dead.features.lines), len(dead.point_of),
+            len(dead.line_of)) == (0, 0, 0, 0)
+    assert map_.covisible(np.arange(6), np.arange(3)).tolist() == [4, 6, 0]

@@ -71,3 +71,16 @@ def test_a_place_seen_again_is_the_most_like(seed):
     again = with_flipped_bits(descriptors(seed)[:200], seed)
     assert index.most_like(again, 3)[0] == seed
     assert_array_equal(index.most_like(np.zeros((0, 32), np.uint8), 3), np.zeros(0, int))
+
+
+def test_keyframes_that_are_gone_are_like_nothing_and_take_no_room():
+    index = PlaceIndex()
+    for seed in range(4):
+        index.add(descriptors(seed))
+    before, held = index.scores(index.bags[3]), index._held
+    index.keep_only(np.array([True, False, True, True]))
+    after = index.scores(index.bags[3])
+    assert_array_equal(after, np.where([True, False, True, True], before, 0.0))
+    assert index._held < held
+    index.add(descriptors(1))
+    assert index.most_like(descriptors(1), 1).tolist() == [4]
