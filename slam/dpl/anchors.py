@@ -15,7 +15,7 @@ import numpy as np
 from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
-from slam.dpl.sightings import whitening_of
+from slam.dpl.sightings import covariance_of, whitening_of
 from slam.frontend.patches import fits
 from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.frontend.surface import fit_surfaces
@@ -50,10 +50,13 @@ class Anchors:
             if name in held:
                 getattr(self, name)[:len(held[name])] = held[name]
 
-    def cut(self, rows: Array, uv_px: Array, rho: Array, picture: Picture, keyframe: int) -> None:
+    def cut(self, rows: Array, uv_px: Array, rho: Array, picture: Picture, keyframe: int) -> Array:
         """Keep the patches around landmarks' pixels (N, 2), of inverse depths (N,), in a keyframe.
 
         Landmarks that have a patch, or whose patch would leave the picture, are left as they are.
+
+        Returns:
+            (N,) bool: whose patch was cut.
         """
         if len(rows) and rows.max() >= len(self.known):
             self._grow_to(max(2 * len(self.known), int(rows.max()) + 1))
@@ -68,6 +71,7 @@ class Anchors:
         planes = fit_surfaces(picture.rho, np.zeros(picture.gray.shape, np.uint8), uv, self.sigma)
         self._slope[rows] = np.where((planes.rho > 0)[:, None], planes.slope, 0.0)
         self.known[rows] = True
+        return np.asarray(new)
 
     def forget(self, rows: Array) -> None:
         """Rows that are other landmarks' now: these have no patch yet."""
@@ -102,6 +106,42 @@ class Anchors:
         per_pixel = R[:, :, :2] / np.array([self.camera.fx, self.camera.fy])
         return np.asarray(project_jacobian(self.camera, moved)
                           @ (per_pixel + t[:, :, None] * self._slope[rows][:, None, :]))
+
+
+def pinned(points: KeyPoints, which: Array, sigma_px: float) -> KeyPoints:
+    """Points of which some, `which` (M,), are where their landmarks' patches were cut.
+
+    What such a landmark is, is defined by this pixel: as far as it errs, all later sightings err
+    alike.
+    """
+    whitening = (np.zeros((len(points), 4)) if points.whitening is None
+                 else points.whitening.copy())
+    whitening[which, :3] = np.array([1.0, 0.0, 1.0]) / sigma_px
+    return replace(points, whitening=whitening)
+
+
+def reweighed(points: KeyPoints, which: Array, residual_px: Array, assumed_px: float,
+              least_px: float) -> KeyPoints:
+    """Points of which some, `which` (M,), were aligned, weighed by the noise that they show.
+
+    What alignments err by beside what their patches tell (blur, a rolling shutter, surfaces that
+    are not flat) differs from camera to camera and from frame to frame: it is what the residuals
+    spread by beyond the patches' own covariances.
+
+    Args:
+        residual_px: (M, 2) of the points against the pose that they support.
+        assumed_px: what `sharpened` took that noise for.
+    """
+    if not len(which):
+        return points
+    assert points.whitening is not None
+    own = covariance_of(points.whitening[which]) - assumed_px**2 * np.eye(2)
+    spread = 1.4826 * float(np.median(np.abs(residual_px)))
+    own_variance = float(np.median(0.5 * (own[:, 0, 0] + own[:, 1, 1])))
+    sigma = max(np.sqrt(max(spread**2 - own_variance, 0.0)), least_px)
+    whitening = points.whitening.copy()
+    whitening[which, :3] = whitening_of(own + sigma**2 * np.eye(2))
+    return replace(points, whitening=whitening)
 
 
 def sharpened(points: KeyPoints, which: Array, aligned: RefinedMatches, sigma_px: float

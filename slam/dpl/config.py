@@ -99,7 +99,9 @@ class AnchorConfig:
     enabled: bool = True
     radius_px: int = 5               # 11×11 patches
     min_correlation: float = 0.85
-    sigma_px: float = 0.3            # of aligned points, beside what the patches tell
+    sigma_px: float = 0.3            # of aligned points, beside what the patches tell, before the
+    least_sigma_px: float = 0.06     # frame's own residuals tell it; it is this at least
+    own_sigma_px: float = 0.05       # of a landmark in the keyframe that its patch is of
 
 
 @dataclass(frozen=True, slots=True)

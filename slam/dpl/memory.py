@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.dpl.anchors import Anchors, sharpened
+from slam.dpl.anchors import Anchors, pinned, reweighed, sharpened
 from slam.dpl.certainty import Certainty
 from slam.dpl.config import DplConfig
 from slam.dpl.features import Features
@@ -32,9 +32,14 @@ class LandmarkMemory:
         held = np.flatnonzero(keyframe.point_of >= 0)
         rows, points = keyframe.point_of[held], keyframe.features.points[held]
         depth = points.depth_m
-        self.anchors.cut(rows, points.uv_px, np.where(
-            depth > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0), picture, keyframe.number)
         c, T = self.config, keyframe.T_world_camera
+        cut = self.anchors.cut(rows, points.uv_px, np.where(
+            depth > 0, 1.0 / np.where(depth > 0, depth, 1.0), 0.0), picture, keyframe.number)
+        if c.anchors.enabled:
+            points = pinned(points, np.flatnonzero(cut), c.anchors.own_sigma_px)
+            keyframe.features = Features(
+                pinned(keyframe.features.points, held[cut], c.anchors.own_sigma_px),
+                keyframe.features.lines)
         rho_sigma, width = c.depth.inverse_depth_sigma, c.track.kernel_width
         self._points.add(rows, map_.points.xyz[rows, 0], of_points(
             points, c.track.point_sigma_px, c.orb.scale, rho_sigma), T, self.camera, width)
@@ -72,6 +77,18 @@ class LandmarkMemory:
                                      picture)
         return Features(sharpened(features.points, pairs.point[at], aligned,
                                   self.config.anchors.sigma_px), features.lines)
+
+    def weigh(self, features: Features, pairs: Pairs, fits: Array, T_world_camera: Array
+              ) -> Features:
+        """Features of which the points that fit (P,) a pose and are aligned weigh by how well."""
+        points, c = features.points, self.config.anchors
+        assert points.whitening is not None      # of features from `sharpen`
+        at = np.flatnonzero(fits & (points.whitening[pairs.point, 0] > 0))
+        seen = project(self.camera, se3.transform_points(se3.inverse(T_world_camera),
+                                                         pairs.xyz[at]))
+        which = pairs.point[at]
+        return Features(reweighed(points, which, seen - points.uv_px[which], c.sigma_px,
+                                  c.least_sigma_px), features.lines)
 
 
 def _rows_of_ends(rows: Array) -> Array:

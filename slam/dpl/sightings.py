@@ -63,6 +63,14 @@ def whitening_of(covariance: Array) -> Array:
     return np.stack([1.0 / l00, -l10 / (l00 * l11), 1.0 / l11], axis=1)
 
 
+def covariance_of(whitening: Array) -> Array:
+    """(N, 2, 2) px²: L Lᵀ for lower triangles (uu, vu, vv) of L⁻¹, the first of (N, ≥ 3)."""
+    uu, vv = 1.0 / whitening[:, 0], 1.0 / whitening[:, 2]
+    vu = -whitening[:, 1] * uu * vv
+    return np.stack([np.stack([uu * uu, uu * vu], 1),
+                     np.stack([uu * vu, vu * vu + vv * vv], 1)], 1)
+
+
 def of_line_ends(ends_world: Array, lines: KeyLines, T_world_camera: Array, camera: Intrinsics,
                  sigma_px: float, rho_sigma: float) -> Sightings:
     """Ends of map lines (L, 2, 3), each pair seen as one of L segments: 2 L measurements.

@@ -158,8 +158,11 @@ class DplSlam:
             assert self.picture is not None
             features = self.memory.sharpen(self.map, features, pairs, fit.point_fits, p_rows, T,
                                            self.picture)
-        fit = self.tracker.fit(T, pairs, features,
-                               self.memory.covariance(pairs, p_rows, q_rows, T))
+        covariance = self.memory.covariance(pairs, p_rows, q_rows, T)
+        fit = self.tracker.fit(T, pairs, features, covariance)
+        if self.config.anchors.enabled:
+            features = self.memory.weigh(features, pairs, fit.point_fits, fit.T_world_camera)
+            fit = self.tracker.fit(fit.T_world_camera, pairs, features, covariance)
         return self._associated(features, pairs, fit, p_rows, q_rows), fit
 
     def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,

@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from slam.dpl.anchors import Anchors, sharpened
+from slam.dpl.anchors import Anchors, pinned, reweighed, sharpened
 from slam.dpl.certainty import Certainty
 from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
 from slam.dpl.pose import _moved, _whole_whitening, refine_pose
-from slam.dpl.sightings import Sightings, whitening_of
+from slam.dpl.sightings import Sightings, covariance_of, whitening_of
 from slam.factors import landmark_terms
 from slam.geometry import se3
 from slam.geometry.camera import back_project, project
@@ -152,3 +152,34 @@ def test_a_landmark_is_known_better_with_every_keyframe_and_least_along_the_ray(
     assert (spread[1] < spread[0]).all()
     unknown = certainty.covariance(np.array([7, 50_000]), np.array([2.0, 2.0]))
     assert_allclose(unknown, np.tile(0.6**2 * np.eye(3), (2, 1, 1)))
+
+
+def test_a_landmarks_own_pixel_is_held_tightly():
+    n = 3
+    points = KeyPoints(np.full((n, 2), 50.0), np.zeros(n, np.int32), np.zeros(n),
+                       np.zeros((n, 32), np.uint8), np.ones(n), np.tile([0.0, 0, 0, 7.0], (n, 1)))
+    held = pinned(points, np.array([1]), 0.05)
+    assert_allclose(held.whitening, [[0, 0, 0, 7], [20, 0, 20, 7], [0, 0, 0, 7]])
+
+
+def test_aligned_points_weigh_by_what_their_residuals_spread():
+    rng = np.random.default_rng(3)
+    n, own = 400, np.array([[0.02, 0.01], [0.01, 0.03]])
+    points = KeyPoints(np.zeros((n, 2)), np.zeros(n, np.int32), np.zeros(n),
+                       np.zeros((n, 32), np.uint8), np.ones(n),
+                       np.pad(np.tile(whitening_of(own[None] + 0.09 * np.eye(2)), (n, 1)),
+                              ((0, 0), (0, 1))))
+    for sigma in (0.0, 0.2, 1.0):
+        residual = rng.multivariate_normal([0, 0], own + sigma**2 * np.eye(2), n)
+        residual[:20] = 50.0                                    # outliers do not count
+        found = reweighed(points, np.arange(n), residual, 0.3, 0.06)
+        expected = own + max(sigma, 0.06)**2 * np.eye(2)
+        assert_allclose(covariance_of(found.whitening)[0], expected, rtol=0.3, atol=0.01)
+    assert reweighed(points, np.arange(0), np.zeros((0, 2)), 0.3, 0.06) is points
+
+
+@given(st.integers(0, 100))
+def test_covariances_come_back_from_whitenings(seed):
+    root = np.random.default_rng(seed).uniform(-1, 1, (5, 2, 2)) + np.eye(2)
+    covariance = root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(2)
+    assert_allclose(covariance_of(whitening_of(covariance)), covariance, rtol=1e-9)
