@@ -23,7 +23,8 @@ class FrameObserver:
 
     def __init__(self, camera: Intrinsics, config: DplConfig) -> None:
         self.camera, self.config = camera, config
-        self.points, self.lines = OrbDetector(config.orb), LineDetector(config.lines)
+        self.points = OrbDetector(config.orb, config.depth)
+        self.lines = LineDetector(config.lines)
         # Many in the right picture, so that most of the left ones have a partner there.
         self.right_points = OrbDetector(replace(config.orb, count=2 * config.orb.count))
         self.movers = MoverCuller(camera, config)

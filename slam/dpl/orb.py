@@ -6,7 +6,8 @@ import cv2
 import numba
 import numpy as np
 
-from slam.dpl.config import OrbConfig
+from slam.dpl.borders import behind_border
+from slam.dpl.config import DepthConfig, OrbConfig
 from slam.dpl.fast import BORDER_PX, PADDING_PX, FastDetector
 from slam.dpl.features import KeyPoints
 from slam.frontend.sampling import depth_at
@@ -14,6 +15,7 @@ from slam.geometry.arrays import Array
 
 _OVERSAMPLED = 3     # candidates for each point that is kept
 _FILL = 1.6          # cells for each point that is kept: many cells stay empty
+_REACH_PX = 3.0      # of a corner on the finest level: FAST's circle
 _RADIUS = 15         # px of the disc that tells a point's angle
 
 
@@ -32,8 +34,8 @@ _HALF_WIDTHS = _half_widths()
 class OrbDetector:
     """Detects many corners, keeps the best of each cell, describes those."""
 
-    def __init__(self, config: OrbConfig) -> None:
-        self.config = config
+    def __init__(self, config: OrbConfig, depth: DepthConfig | None = None) -> None:
+        self.config, self.depth = config, DepthConfig() if depth is None else depth
         self._corners = FastDetector(config, _OVERSAMPLED * config.count)
         self._orb = cv2.ORB_create(nlevels=1, edgeThreshold=BORDER_PX)   # of one level at a time
 
@@ -52,8 +54,14 @@ class OrbDetector:
             if mine.any():
                 angle[mine] = angles_deg(image, at[mine] + PADDING_PX)
                 descriptor[mine] = self._describe(image, at[mine], angle[mine])
-        depth = np.zeros(len(uv)) if depth_m is None else depth_at(depth_m, uv)
+        depth = np.zeros(len(uv)) if depth_m is None else self._depth(depth_m, uv, level)
         return KeyPoints(uv, level, angle, descriptor, depth)
+
+    def _depth(self, depth_m: Array, uv_px: Array, level: Array) -> Array:
+        """(N,) z-depth of points (N, 2); 0 where unknown, or of what the point does not lie on."""
+        reach_px = _REACH_PX * self.config.scale ** level.astype(np.float64)
+        hidden = behind_border(depth_m, uv_px, reach_px, self.depth.inverse_depth_sigma)
+        return np.where(hidden, 0.0, depth_at(depth_m, uv_px))
 
     def _describe(self, padded: Array, at: Array, angle_deg: Array) -> Array:
         """(N, 32) uint8 of points at pixels (N, 2) of a level, all off its border."""
