@@ -2,10 +2,14 @@
 
     python scripts/benchmark_backend.py --scene SwingingBoxes-v0 --frames 60 --seeds 0 1 2
     python scripts/benchmark_backend.py --growth 75 150 300
+    python scripts/benchmark_backend.py --flat 3000 --size 160x120 --figure docs/images/flat.png
+    python scripts/benchmark_backend.py --flat 200 --set backend.anchors.static_count=800 \
+        --set backend.anchors.object_count=200 --set backend.anchors.static_lines=200
 
 Each run is scored three times: tracking alone, what `process` returned with the partial batch, and
 after the global one, so that the ratios are paired. Object drift is the error of an object's motion
-over ten frames, seen from the camera.
+over ten frames, seen from the camera. --flat runs tracking and window alone, on frames that are
+played forth and back, and prints what they cost, in processor time, from the first to the last.
 """
 
 from __future__ import annotations
@@ -14,24 +18,27 @@ import argparse
 import resource
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.stats import t as student
 
 from simbench.inputs import Feed, InputChoice
 from simbench.metrics.motion import motion_errors
 from simbench.metrics.trajectory import ate_errors, frame_pairs, rpe_errors, time_pairs
 from simbench.render import make_renderer
+from simbench.settings import with_settings
 from simbench.simulate import SimulatedSequence
 from simbench.types import Trajectories
 from simbench.world import make_world
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.systems.registry import make
+from slam.systems.registry import default_config, make
 from slam.systems.sdpl import SdplSlam
 from slam.systems.sdpl_batch import SdplBatch
-from slam.types import SlamResult
+from slam.types import Frame, FrameEstimate, SlamResult
 
 FLOWS = {"pairwise": InputChoice(flow="noisy", flow_noise_kind="pairwise", flow_sigma_px=0.3),
          "localisation": InputChoice(flow="noisy", flow_noise_kind="localisation",
@@ -56,7 +63,7 @@ class Run:
 
 
 def run(scene: str, seed: int, frames: int, flow: str, texture: float,
-        system_name: str = "sdpl-batch") -> Run:
+        system_name: str = "sdpl-batch", settings: Sequence[str] = ()) -> Run:
     """A simulated sequence tracked alone, and with both batches."""
     world = make_world(scene, seed, {"texture": texture})
     renderer = make_renderer("mujoco", world)
@@ -65,7 +72,9 @@ def run(scene: str, seed: int, frames: int, flow: str, texture: float,
     feed = Feed(sequence, InputChoice(
         flow=choice.flow, flow_noise_kind=choice.flow_noise_kind,
         flow_sigma_px=choice.flow_sigma_px, masks="truth", depth="sensor", sensor="gaussian"), seed)
-    alone, system = SdplSlam(sequence.intrinsics), make(system_name, sequence.intrinsics)
+    alone = SdplSlam(sequence.intrinsics)
+    system = make(system_name, sequence.intrinsics,
+                  with_settings(default_config(system_name), settings))
     assert isinstance(system, SdplBatch)
     owner: dict[tuple[int, int], int] = {}
     anchors, partial = [], []
@@ -144,6 +153,93 @@ def _object_error(result: SlamResult, truth: Trajectories, true_id: int, k: int,
     return float(t[0]), float(r[0])
 
 
+@dataclass(frozen=True)
+class Course:
+    """What each frame of a long run costs."""
+
+    tracking_ms: Array      # (K,) processor time of all threads
+    window_ms: Array        # (K,) landmarks found again, and the partial batch
+    memory_mb: Array        # (K,) resident
+    landmarks: tuple[int, int, int, int]   # points: static, on objects; lines: the same
+
+
+def course(scene: str, seed: int, count: int, size: tuple[int, int] | None,
+           settings: Sequence[str], drawn: int = 60) -> Course:
+    """Tracking and window alone over `count` frames: `drawn` ones, forth and back."""
+    world = make_world(scene, seed, size=size)
+    renderer = make_renderer("mujoco", world)
+    sequence = SimulatedSequence(world, renderer, drawn)
+    feed = Feed(sequence, InputChoice(flow="dis", masks="truth", depth="sensor",
+                                      sensor="gaussian"), seed)
+    frames = [feed.frame(k) for k in range(drawn)]
+    renderer.close()
+    config = with_settings(default_config("sdpl-partial"), settings)
+    system = make("sdpl-partial", sequence.intrinsics, config)
+    assert isinstance(system, SdplBatch)
+    whole, tracking, memory = np.zeros(count), np.zeros(count), np.zeros(count)
+    track = system.tracker.process
+
+    def timed(frame: Frame) -> FrameEstimate:
+        start = time.process_time()
+        estimate = track(frame)
+        tracking[k] = time.process_time() - start
+        return estimate
+
+    system.tracker.process = timed           # type: ignore[method-assign]
+    turn = 2 * drawn - 2
+    for k in range(count):
+        at = k % turn
+        frame = replace(frames[min(at, turn - at)], index=k, stamp_s=k / 30.0)
+        start = time.process_time()
+        system.process(frame)
+        whole[k] = time.process_time() - start
+        memory[k] = _resident_mb()
+    held = [seen.alive.body for seen in (system._window.points, system._window.lines)]
+    points, lines = (np.bincount(body > 0, minlength=2).tolist() for body in held)
+    return Course(1e3 * tracking, 1e3 * (whole - tracking), memory, (*points, *lines))
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2.0**20
+
+
+def print_course(found: Course, figure: Path | None) -> None:
+    """Medians of each tenth, and the exponent by which the window's time grows."""
+    tenths = np.array_split(np.arange(len(found.window_ms)), 10)
+    print("landmarks at the end: {} static points, {} on objects; {} static lines, {} on objects"
+          .format(*found.landmarks))
+    print("frames        tracking ms   window ms   memory MB")
+    rows = np.array([(np.median(found.tracking_ms[t]), np.median(found.window_ms[t]),
+                      found.memory_mb[t[-1]]) for t in tenths])
+    for t, row in zip(tenths, rows, strict=True):
+        print(f"{t[0]:5d} to {t[-1]:5d}{row[0]:11.1f}{row[1]:12.1f}{row[2]:12.0f}")
+    middle = [np.mean(t) for t in tenths]
+    print(f"mean of all: window {found.window_ms[8:].mean():.1f} ms; its time grows with frames to "
+          f"the power {np.polyfit(np.log(middle), np.log(rows[:, 1]), 1)[0]:.3f}, memory by "
+          f"{np.polyfit(middle[2:], rows[2:, 2], 1)[0]:.4f} MB a frame")
+    if figure is not None:
+        draw_course(found, figure)
+
+
+def draw_course(found: Course, path: Path) -> None:
+    """Time and memory over the frames."""
+    plot = Figure(figsize=(7, 4.5), layout="constrained")
+    upper, lower = plot.subplots(2, 1, sharex=True)
+    frames = np.arange(len(found.window_ms))
+    for name, times in (("tracking", found.tracking_ms), ("window", found.window_ms)):
+        smooth = np.convolve(times, np.full(25, 0.04), mode="same")
+        upper.plot(frames[12:-12], smooth[12:-12], lw=0.8, label=name)
+    upper.set_ylabel("processor time, ms")
+    upper.set_ylim(bottom=0)
+    upper.legend()
+    lower.plot(frames, found.memory_mb, lw=0.8)
+    lower.set_ylabel("memory, MB")
+    lower.set_ylim(bottom=0)
+    lower.set_xlabel("frame")
+    plot.savefig(path, dpi=110)
+
+
 def table(runs: Sequence[Run]) -> str:
     """Means over the runs, and the paired ratio with its 95 % interval."""
     lines = [f"{'':20s}{'':8s}{'tracked':>10s}{'refined':>10s}{'ratio':>8s}   95 %"]
@@ -169,11 +265,22 @@ def main() -> None:
     parser.add_argument("--flow", nargs="+", choices=sorted(FLOWS), default=sorted(FLOWS))
     parser.add_argument("--texture", type=float, default=1.0)
     parser.add_argument("--system", default="sdpl-batch", help="a preset with a batch")
+    parser.add_argument("--set", dest="settings", action="append", default=[],
+                        metavar="STAGE.FIELD=VALUE", help="a setting of the system")
+    parser.add_argument("--flat", type=int, help="frames of one long run of the window instead")
+    parser.add_argument("--size", help="WIDTHxHEIGHT of the long run; else the scene's own")
+    parser.add_argument("--figure", type=Path, help="where to draw the long run")
     parser.add_argument("--growth", type=int, nargs="+", help="frames of runs to time instead")
     options = parser.parse_args()
+    if options.flat:
+        width, height = map(int, options.size.split("x")) if options.size else (0, 0)
+        print_course(course(options.scene, options.seeds[0], options.flat,
+                            (width, height) if options.size else None,
+                            options.settings), options.figure)
+        return
     if options.growth:
         times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture,
-                     options.system) for n in options.growth]
+                     options.system, options.settings) for n in options.growth]
         for n, timed in zip(options.growth, times, strict=True):
             print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f}, "
                   f"partial batch {timed.partial_ms:.1f} ms a frame, last third over first "
@@ -182,7 +289,8 @@ def main() -> None:
         print(f"time of the batch grows with frames to the power {slope:.2f}")
         return
     for flow in options.flow:
-        runs = [run(options.scene, seed, options.frames, flow, options.texture, options.system)
+        runs = [run(options.scene, seed, options.frames, flow, options.texture, options.system,
+                    options.settings)
                 for seed in options.seeds]
         print(f"\n{options.scene}, {options.frames} frames, seeds {options.seeds}, flow {flow}: "
               f"mm; batch {np.median([r.batch_s for r in runs]):.1f} s, anchors "

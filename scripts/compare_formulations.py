@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from benchmark_backend import FLOWS, camera_scores, object_scores
@@ -43,9 +44,10 @@ def measured(scene: str, seed: int, frames: int, flow: str, texture: float
     backend, tracked, truth = system.backend, system.tracker.finish(), sequence.truth.trajectories
     forms = {"object-centric": lambda: refine_run(system.record, tracked, sequence.intrinsics,
                                                   backend.bundle)}
-    for form in ("well_conditioned", "paper"):
-        chain = replace(backend.chain, line_form=form)
-        forms[f"paper's form, lines {form.replace('_', ' ')}"] = lambda chain=chain: refine_chained(
+    for form, unit in product(("well_conditioned", "paper"), ("pixels", "metres")):
+        chain = replace(backend.chain, line_form=form, measured_in=unit)
+        name = f"paper's form, lines {form.replace('_', ' ')}, {unit}"
+        forms[name] = lambda chain=chain: refine_chained(
             system.record, tracked, sequence.intrinsics, backend.bundle, chain)
     out = {"before it": camera_scores(tracked, truth) | object_scores(tracked, owner, truth)}
     for name, refined in forms.items():

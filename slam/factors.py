@@ -114,6 +114,24 @@ def landmark_terms_metric(T_body_camera: Array, xyz_body: Array, xyz_camera: Arr
     return LandmarkTerms(p - xyz_camera, J, Rt)
 
 
+def back_projected_covariance(uv: Array, rho: Array, covariance: Array, rho_sigma: Array,
+                              camera: Pinhole) -> Array:
+    """(N, 3, 3) m² of points [x, y, 1]/ρ in the camera, from the noise of pixel and depth.
+
+    Args:
+        uv, rho: (N, 2) px and (N,) 1/m, > 0; covariance: (N, 2, 2) px²; rho_sigma: (N,) 1/m.
+    """
+    fx, fy, cx, cy = camera_tuple(camera)
+    scale = 1.0 / rho
+    J = np.zeros((len(rho), 3, 3))
+    J[:, 0, 0], J[:, 1, 1] = scale / fx, scale / fy
+    J[:, :, 2] = -(scale**2)[:, None] * np.stack(
+        [(uv[:, 0] - cx) / fx, (uv[:, 1] - cy) / fy, np.ones(len(rho))], axis=1)
+    measured = np.zeros((len(rho), 3, 3))
+    measured[:, :2, :2], measured[:, 2, 2] = covariance, rho_sigma**2
+    return np.asarray(J @ measured @ np.swapaxes(J, 1, 2))
+
+
 @numba.njit(cache=True)
 def _odometry_rows(T_first, T_second, T_measured):  # type: ignore[no-untyped-def]
     n = len(T_first)

@@ -11,11 +11,20 @@ from slam.backend.chains import chain_steps, reduce_chains
 from slam.backend.config import ChainConfig
 from slam.backend.linearise import UNSEEN_CHI2, whitening
 from slam.backend.settle import misfits, noise_ratios
-from slam.factors import landmark_terms, point_motion_terms
+from slam.factors import (
+    back_projected_covariance,
+    landmark_terms,
+    landmark_terms_metric,
+    point_motion_terms,
+)
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
 from slam.geometry.arrays import Array
 from slam.line_factors import (
+    across,
+    in_camera,
+    line_measurement,
+    line_measurement_covariance,
     line_measurement_paper,
     line_motion,
     line_motion_paper,
@@ -59,6 +68,7 @@ class Chains(ABC):
         self.after = np.flatnonzero(np.diff(self.owner, prepend=-1) == 0)
         depths = s.rho_sigma[:, None] if s.rho_sigma.ndim == 1 else s.rho_sigma
         self.whitening = whitening(s.covariance, depths)
+        self.noise_scale = np.ones(2)      # measured over assumed variance: pixels, inverse depths
         self.start = np.searchsorted(s.landmark, np.arange(landmarks + 1))
 
     def place(self, landmarks: Array, T_world_body: Array) -> Array:
@@ -112,19 +122,20 @@ class Chains(ABC):
 
     def noise(self, X: Array, place: Array) -> tuple[float, float]:
         """Measured over assumed variance of pixels and of inverse depths."""
-        terms = self._measure(X, place)
+        terms = self._sight(X, place)
         weighted, _ = self._weighted(terms)
         return noise_ratios(self.start, np.ascontiguousarray(weighted.r), _chi2(terms.r),
                             self.whitening, self.config.kernel_width)
 
     def scale_noise(self, uv: float, rho: float) -> None:
         """Multiply the assumed variances."""
+        self.noise_scale *= uv, rho
         self.whitening[:, :3] /= np.sqrt(uv)
         self.whitening[:, 3:] /= np.sqrt(rho)
 
     def drop_misfits(self, X: Array, place: Array, limit: float) -> None:
         """Leave out landmarks most of whose sightings are above a limit of χ²₃."""
-        r = self._measure(X, place).r
+        r = self._sight(X, place).r
         wrong = misfits(self.start, _chi2(r), limit * r.shape[1] / 3.0)
         self.whitening[np.repeat(wrong, np.diff(self.start))] = 0.0
 
@@ -162,9 +173,20 @@ class Chains(ABC):
             W[:, k, k] = w[:, k + 1]
         return [(W @ r[:, :, None])[:, :, 0], *(W @ J for J in derivatives)]
 
+    def _in_metres(self, uv: Array, rho: Array, covariance: Array, rho_sigma: Array) -> Array:
+        """(N, 3, 3) m² of measured places, with the noise as measured so far."""
+        sigma = np.where(np.isfinite(rho_sigma), rho_sigma, 1.0)    # its row counts nothing
+        uv_scale, rho_scale = self.noise_scale
+        return back_projected_covariance(uv, rho, uv_scale * covariance,
+                                         np.sqrt(rho_scale) * sigma, self.camera)
+
+    @abstractmethod
+    def _sight(self, X: Array, place: Array) -> _Terms:
+        """Measurements by cameras X (F, 4, 4) as the sensor makes them, whitened."""
+
     @abstractmethod
     def _measure(self, X: Array, place: Array) -> _Terms:
-        """Measurements by cameras X (F, 4, 4), whitened."""
+        """The same in the form that is set."""
 
     @abstractmethod
     def _move(self, H: Array, place: Array) -> _Terms:
@@ -189,10 +211,21 @@ class PointChains(Chains):
         super().__init__(sightings, landmarks, moving, camera, config)
         self._s = sightings
 
-    def _measure(self, X: Array, place: Array) -> _Terms:
+    def _sight(self, X: Array, place: Array) -> _Terms:
         s = self._s
         return _Terms(*self._white(*landmark_terms(X[s.frame], place[self.node], s.uv_px, s.rho,
                                                    self.camera)))
+
+    def _measure(self, X: Array, place: Array) -> _Terms:
+        if self.config.measured_in == "pixels":
+            return self._sight(X, place)
+        s, known = self._s, self._s.rho > 0             # without depth there is no place
+        rho = np.where(known, s.rho, 1.0)
+        t = landmark_terms_metric(X[s.frame], place[self.node],
+                                  pinhole.rays(self.camera, s.uv_px) / rho[:, None])
+        W = _inverse_root(self._in_metres(s.uv_px, rho, s.covariance, s.rho_sigma))
+        W[~known | (self.whitening[:, 0] == 0.0)] = 0.0
+        return _Terms((W @ t.r[:, :, None])[:, :, 0], W @ t.J_pose, W @ t.J_point)
 
     def _move(self, H: Array, place: Array) -> _Terms:
         t = point_motion_terms(H[self.node_frame[self.after]], place[self.after - 1],
@@ -235,14 +268,38 @@ class LineChains(Chains):
         self._ends_world = foot + along * plucker.direction[:, None] + half
         return out
 
+    def _sight(self, X: Array, place: Array) -> _Terms:
+        s = self._s
+        if self.config.line_form == "paper":
+            return self._measure(X, place)
+        return _Terms(*self._white(*line_sighting_terms(X[s.frame], place[self.node], s.ends_px,
+                                                        s.rho, self.camera)))
+
     def _measure(self, X: Array, place: Array) -> _Terms:
-        s, lines = self._s, place[self.node]
-        if self.config.line_form == "well_conditioned":
-            return _Terms(*self._white(*line_sighting_terms(X[s.frame], lines, s.ends_px, s.rho,
-                                                            self.camera)))
-        t = line_measurement_paper(X[s.frame], unpacked(lines), self._ends_camera)
-        w = np.where(self.whitening[:, :1] > 0.0, 1.0 / self._sigma_m, 0.0)
-        return _Terms(w * t.r, w[..., None] * t.J_pose, w[..., None] * t.J_line)
+        T, lines = X[self._s.frame], unpacked(place[self.node])
+        if self.config.line_form == "paper":
+            t = line_measurement_paper(T, lines, self._ends_camera)
+            w = np.where(self.whitening[:, :1] > 0.0, 1.0 / self._sigma_m, 0.0)
+            return _Terms(w * t.r, w[..., None] * t.J_pose, w[..., None] * t.J_line)
+        if self.config.measured_in == "pixels":
+            return self._sight(X, place)
+        direction = in_camera(T, lines)[0].direction
+        basis = across(direction)
+        t = line_measurement(T, lines, self._ends_camera, basis)
+        root = _inverse_root(line_measurement_covariance(direction, basis, self._ends_covariance()))
+        W = np.zeros((len(T), 4, 4))
+        W[:, :2, :2], W[:, 2:, 2:] = root[:, 0], root[:, 1]
+        W[(self._s.rho <= 0).any(axis=1) | (self.whitening[:, 0] == 0.0)] = 0.0
+        return _Terms((W @ t.r[:, :, None])[:, :, 0], W @ t.J_pose, W @ t.J_line)
+
+    def _ends_covariance(self) -> Array:
+        """(M, 2, 3, 3) m²; as far off along the line as across it, where it does not matter."""
+        s = self._s
+        rho = np.where(s.rho > 0, s.rho, 1.0)
+        across_px = np.einsum("mii->mi", s.covariance)[..., None, None] * np.eye(2)
+        return self._in_metres(s.ends_px.reshape(-1, 2), rho.reshape(-1),
+                               across_px.reshape(-1, 2, 2), s.rho_sigma.reshape(-1)
+                               ).reshape(-1, 2, 3, 3)
 
     def _move(self, H: Array, place: Array) -> _Terms:
         before, now = unpacked(place[self.after - 1]), unpacked(place[self.after])
@@ -265,6 +322,11 @@ class LineChains(Chains):
 
     def moved(self, place: Array, step: Array) -> Array:
         return np.asarray(moved_lines(place, step))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """Lower L⁻¹ (…, d, d) of covariances L Lᵀ."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
 def _chi2(r: Array) -> Array:

@@ -56,6 +56,9 @@ class ChainConfig:
     """The paper's own formulation of the global batch: what its soft ties are worth."""
 
     line_form: Literal["well_conditioned", "paper"] = "well_conditioned"   # of eq. (5) and (6)
+    # Of points, and of eq. (5) well conditioned: as the sensor measures, px and 1/m, or as the
+    # paper does. Lines in its own form are always in metres.
+    measured_in: Literal["pixels", "metres"] = "pixels"
     motion_sigma_m: float = 0.001     # of a moved point or line: what rigidity leaves unexplained
     direction_sigma: float = 1e-4     # of 1 − cos of two directions, as printed: 0.8°
     smooth_rad: float = 0.02          # change of an object's motion from one frame to the next
