@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slam.geometry.arrays import Array, freeze_fields
+
+_TWO_CORNERS_PX = float(np.sqrt(2.0 / 12.0))     # standard deviation between two whole pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,21 @@ class Features:
 
     points: KeyPoints
     lines: KeyLines
+
+    def of_any_landmark(self, scale: float) -> Features:
+        """The same, to be held against other landmarks than those their keyframe knew them as.
+
+        What is known to a small fraction of a pixel is where a feature's own landmark is. Another
+        landmark of the same thing began as another corner, a whole pixel of its level as this one.
+        """
+        whitening = self.points.whitening
+        if whitening is None:
+            return self
+        better = np.flatnonzero(whitening[:, 0] > 0)
+        across = 1.0 / (_TWO_CORNERS_PX * scale ** self.points.level[better].astype(np.float64))
+        whitening = whitening.copy()
+        whitening[better, :3] = across[:, None] * [1.0, 0.0, 1.0]
+        return replace(self, points=replace(self.points, whitening=whitening))
 
 
 def no_points() -> KeyPoints:

@@ -20,9 +20,10 @@ def fuse(map_: PointLineMap, loop: Loop, tracker: PoseTracker) -> None:
     for keyframes, others in ((new, old), (old, new)):
         for keyframe in keyframes:
             points, lines = map_.landmarks_of(others)
-            seen = tracker.look_for(map_, points, lines, keyframe.features,
-                                    keyframe.T_world_camera, tracker.config.loop.search_px)
-            fit = tracker.fit(keyframe.T_world_camera, seen.pairs, keyframe.features)
+            features = keyframe.features.of_any_landmark(tracker.config.orb.scale)
+            seen = tracker.look_for(map_, points, lines, features, keyframe.T_world_camera,
+                                    tracker.config.loop.search_px)
+            fit = tracker.fit(keyframe.T_world_camera, seen.pairs, features)
             if fit.inliers < tracker.config.track.min_inliers:
                 continue
             _join(map_, map_.points, keyframe, "point_of", seen.pairs.point[fit.point_fits],

@@ -56,6 +56,7 @@ def _look(map_: PointLineMap, around: Keyframe, features: Features, T_world_came
           tracker: PoseTracker) -> tuple[Fit, Seen] | None:
     """The pose at which features see the landmarks around a keyframe; None if too few fit."""
     config = tracker.config.loop
+    features = features.of_any_landmark(tracker.config.orb.scale)
     points, lines = map_.landmarks_of([around, *map_.neighbours(around, _NEIGHBOURS)])
     for radius_px in (2.0 * config.search_px, config.search_px):
         seen = tracker.look_for(map_, points, lines, features, T_world_camera, radius_px)

@@ -7,6 +7,7 @@ import pytest
 
 import box_world as bw
 import slam
+from slam.dpl.features import Features, KeyPoints, no_lines
 from slam.dpl.loop_close import bent
 from slam.dpl.loop_verify import covered
 from slam.geometry import se3
@@ -115,3 +116,17 @@ def test_coverage_counts_cells():
     assert covered(np.zeros((5, 2))) == 1 / 48
     everywhere = np.stack(np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 1, 40)), -1)
     assert covered(everywhere.reshape(-1, 2)) == 1.0
+
+
+def test_a_feature_held_against_another_landmark_is_a_corner_again():
+    n = 3
+    whitening = np.array([[20.0, 3.0, 20.0, 500.0], [2.0, 0.0, 2.0, 0.0], [0.0, 0.0, 0.0, 700.0]])
+    points = KeyPoints(np.zeros((n, 2)), np.array([0, 2, 1], np.int32), np.zeros(n),
+                       np.zeros((n, 32), np.uint8), np.ones(n), whitening)
+    loose = Features(points, no_lines()).of_any_landmark(1.2).points.whitening
+    sigma = np.sqrt(2.0 / 12.0)
+    assert np.allclose(loose[0], [1 / sigma, 0.0, 1 / sigma, 500.0])
+    assert np.allclose(loose[1], [1 / (1.44 * sigma), 0.0, 1 / (1.44 * sigma), 0.0])
+    assert np.allclose(loose[2], whitening[2])         # as detected before, as detected now
+    plain = Features(replace(points, whitening=None), no_lines())
+    assert plain.of_any_landmark(1.2) is plain
