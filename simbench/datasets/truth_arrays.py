@@ -16,12 +16,14 @@ import numpy as np
 from numcodecs.zstd import Zstd
 
 from simbench.errors import BadFile, BadFrame, UserError
+from simbench.stated import items, whole
 from simbench.untrusted import read_bytes, read_json_object
 from slam.geometry.arrays import Array
 
 _DTYPES = {"float64": "<f8", "float32": "<f4", "int64": "<i8", "int32": "<i4", "int16": "<i2"}
 _MOST_BYTES = 2_000_000_000         # of one chunk
 _MOST_DESCRIPTION = 100_000
+_MOST_LONG = 2**40
 _AGAIN = "generate the sequence again"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -86,14 +88,15 @@ def _content_size(data: bytes) -> int | None:
 def _described(about: Mapping[str, Any]) -> tuple[tuple[int, ...], str, tuple[int, ...]]:
     """Shape, dtype and chunk shape of a description. Raises ValueError and its like."""
     grid = about["chunk_grid"]
-    shape, chunk = (tuple(int(n) for n in numbers)
-                    for numbers in (about["shape"], grid["configuration"]["chunk_shape"]))
+    shape, chunk = (tuple(whole(n, key, 0, _MOST_LONG) for n in items(numbers, key))
+                    for key, numbers in (("shape", about["shape"]),
+                                         ("chunk_shape", grid["configuration"]["chunk_shape"])))
     codecs = [codec["name"] for codec in about["codecs"]]
     if (about["zarr_format"], about["node_type"], grid["name"]) != (3, "array", "regular") \
             or codecs != ["bytes", "zstd"] \
             or about["codecs"][0].get("configuration", {}).get("endian", "little") != "little":
         raise ValueError("another format")
-    if len(shape) != len(chunk) or not shape or min(shape) < 0 or min(chunk) < 1:
+    if len(shape) != len(chunk) or not shape or min(chunk) < 1:
         raise ValueError(f"shape {shape} in chunks of {chunk}")
     dtype = _DTYPES[about["data_type"]]
     if math.prod(chunk) * np.dtype(dtype).itemsize > _MOST_BYTES:

@@ -117,7 +117,8 @@ def test_flow_that_claims_gigabytes_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("key", "value"), [
-    ("shape", [2, 10**6, 10**6]), ("shape", [2]), ("zarr_format", 2), ("data_type", "object"),
+    ("shape", [2, 10**6, 10**6]), ("shape", [2]), ("shape", [float("inf"), 48, 64]),
+    ("zarr_format", 2), ("data_type", "object"),
     ("codecs", [{"name": "numcodecs.pickle"}]), ("codecs", []),
     ("chunk_grid", {"name": "regular", "configuration": {"chunk_shape": [1, 10**6, 10**6]}})])
 def test_an_array_of_another_form_is_refused_by_its_description(copy, key, value):
