@@ -37,7 +37,7 @@ def reproduce_command(
         reports: Reports = "first", resume: Resume = False,
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
 ) -> None:
-    """Measure a paper's table on synthetic counterparts and set it beside the printed one."""
+    """Set a paper's table beside ours, of synthetic counterparts."""
     from simbench.cli.progress import run_progress
     from simbench.reproduce.run_table import reproduce, suite_of
     from simbench.reproduce.table import load_table
