@@ -70,6 +70,30 @@ def test_boxes_come_in_pixels_of_the_image(tmp_path, kind):
     assert (np.diff(boxes.score) <= 0).all()
 
 
+@pytest.mark.parametrize("opset", [9, 11, 17, 21])
+def test_networks_of_other_opsets_say_the_same(tmp_path, opset):
+    weights = network(tmp_path / "tiny.onnx", layouts("v8"))
+    image = np.zeros((60, 128, 3), np.uint8)
+    wanted = OnnxDetector(weights, SMALL)(image)
+    model = onnx.load(weights)
+    model.opset_import[0].version = opset
+    onnx.save(model, weights)
+    found = OnnxDetector(weights, SMALL)(image)
+    np.testing.assert_allclose(found.corners_px, wanted.corners_px)
+    assert found.label.tolist() == wanted.label.tolist()
+
+
+def test_an_operator_that_opencv_does_not_have_is_refused_in_a_line(tmp_path):
+    weights = network(tmp_path / "tiny.onnx", layouts("v8"))
+    model = onnx.load(weights)
+    model.opset_import[0].version = 99
+    model.graph.node[-1].op_type = "AddOfALaterOpset"
+    onnx.save(model, weights)
+    with pytest.raises(BadDetector, match="opset 12 to 17") as refused:
+        OnnxDetector(weights, SMALL)
+    assert "\n" not in str(refused.value)
+
+
 def test_nothing_found_is_no_boxes(tmp_path):
     detector = OnnxDetector(network(tmp_path / "tiny.onnx", rows((5, 5, 4, 4, CAR, 0.1)).T[None]),
                             SMALL)
