@@ -23,13 +23,14 @@ class PointMatches:
     flow_cov: Array      # (N, 2, 2) px²
     rho_b: Array         # (N,) 1/m
     rho_sigma_b: Array   # (N,) 1/m; inf where the second frame has no depth
+    rho_slope_b: Array   # (N, 2) 1/m/px, of the surface: rho_b is read where a wrong flow leads
     group: Array         # (N,) int: which rigid motion; 0 = camera against the static world
     kind: Array          # (N,) int: correspondences of one kind share one noise scale
 
     def __post_init__(self) -> None:
         freeze_fields(self, uv_a=("N", 2), rho_a=("N",), rho_sigma_a=("N",), uv_b=("N", 2),
-                      flow_cov=("N", 2, 2), rho_b=("N",), rho_sigma_b=("N",), group=("N",),
-                      kind=("N",))
+                      flow_cov=("N", 2, 2), rho_b=("N",), rho_sigma_b=("N",), rho_slope_b=("N", 2),
+                      group=("N",), kind=("N",))
 
     def __len__(self) -> int:
         return len(self.uv_a)

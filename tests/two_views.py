@@ -35,19 +35,24 @@ def seen_in_b(T_a_b: Array, uv_a: Array, rho_a: Array) -> tuple[Array, Array]:
 def random_points(rng: np.random.Generator, T_a_b: Array, n: int, flow_sigma: float = 0.3,
                   rho_sigma: float = 0.002, group: int = 0, kind: int = 0,
                   assumed_flow: float | None = None, assumed_rho: float | None = None,
-                  known_b: bool = True) -> PointMatches:
-    """n points of one motion with Gaussian noise in flow and in both inverse depths."""
+                  known_b: bool = True, slope: float = 0.0) -> PointMatches:
+    """n points of one motion with Gaussian noise in flow and in both inverse depths.
+
+    The second depth is read where the wrong flow leads, on surfaces with slopes of this size.
+    """
     uv_a = rng.uniform([20, 20], [620, 460], size=(n, 2))
     rho = 1.0 / rng.uniform(1.5, 7.0, size=n)
     uv_b, rho_b = seen_in_b(T_a_b, uv_a, rho)
     flow_said = flow_sigma if assumed_flow is None else assumed_flow
     rho_said = rho_sigma if assumed_rho is None else assumed_rho
+    rho_a = rho + rho_sigma * rng.normal(size=n)
+    missed = flow_sigma * rng.normal(size=(n, 2))
+    read = rho_b + rho_sigma * rng.normal(size=n)
+    slopes = slope * rng.normal(size=(n, 2)) if slope else np.zeros((n, 2))
     return PointMatches(
-        uv_a, rho + rho_sigma * rng.normal(size=n), np.full(n, rho_said),
-        uv_b + flow_sigma * rng.normal(size=(n, 2)),
-        np.repeat(flow_said**2 * np.eye(2)[None], n, 0),
-        rho_b + rho_sigma * rng.normal(size=n), np.full(n, rho_said if known_b else np.inf),
-        np.full(n, group), np.full(n, kind))
+        uv_a, rho_a, np.full(n, rho_said), uv_b + missed,
+        np.repeat(flow_said**2 * np.eye(2)[None], n, 0), read + np.sum(slopes * missed, axis=1),
+        np.full(n, rho_said if known_b else np.inf), slopes, np.full(n, group), np.full(n, kind))
 
 
 def random_lines(rng: np.random.Generator, T_a_b: Array, n: int, flow_sigma: float = 0.1,
@@ -70,4 +75,4 @@ def no_points() -> PointMatches:
     """An empty set of point matches."""
     none = np.zeros(0)
     return PointMatches(np.zeros((0, 2)), none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), none,
-                        none, np.zeros(0, np.int64), np.zeros(0, np.int64))
+                        none, np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0, np.int64))

@@ -3,10 +3,11 @@
 A point's flow φ and inverse depth ρ touch its own residual only. Eliminated, they leave the
 residual r̃ with the covariance
 
-    S = Σ_φ + Σ_p + J_ρ σ_ρ² J_ρᵀ                  (3×3: u, v, inverse depth in b)
+    S = D Σ_φ Dᵀ + Σ_p + J_ρ σ_ρ² J_ρᵀ             (3×3: u, v, inverse depth in b)
 
-and minimising Σ ‖r̃‖²_S over the pose has the minimum of eq. (3) over pose, flows and depths
-together. The eliminated variables are recovered from the pose.
+with D = [I; gᵀ], since the inverse depth in b is read where the flow leads, on a surface of
+slope g. Minimising Σ ‖r̃‖²_S over the pose has the minimum of eq. (3) over pose, flows and
+depths together. The eliminated variables are recovered from the pose.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from slam.residuals import camera_tuple, point_row, point_terms, pose_rows
 from slam.types import Intrinsics
 
 _OFFSET_POINTS = 1000     # are enough to tell a common offset
+_PLACE_SIGMA_PX = 0.02    # surfaces bend: of where a depth is read, beside what the flow errs
 
 
 def _alike_within_kinds(m: PointMatches) -> Array:
@@ -47,6 +49,7 @@ class PointFamily:
         self.var_a = m.rho_sigma_a**2
         # A row without a measurement is made harmless by a huge variance, not by branching.
         self.var_b = np.where(self.known_b, m.rho_sigma_b, 1e6) ** 2
+        self.var_place = _PLACE_SIGMA_PX**2 * np.sum(m.rho_slope_b**2, axis=1)
         self.depth_scale2: Array = np.ones(len(m))
         self.flow_scale2: Array = np.ones(len(m))
         self.whitening = np.zeros((len(m), 3, 3))
@@ -70,7 +73,8 @@ class PointFamily:
         self.whitening, self.rho = _eliminate(
             T, m.group, self.rays, self.rho, m.rho_a, m.uv_b, m.rho_b, camera_tuple(self.camera),
             self.var_a * self.depth_scale2, self.flow_cov, self.flow_scale2,
-            self.config.reprojection_sigma_px**2, self.var_b * self.depth_scale2)
+            self.config.reprojection_sigma_px**2, self.var_b * self.depth_scale2 + self.var_place,
+            m.rho_slope_b)
 
     def depth_innovation(self, r: Array, j: Array, index: Array) -> tuple[Array, Array]:
         """How far (M,) the residuals of the points `index` move their inverse depths, and that
@@ -158,19 +162,21 @@ def _refined_uv(T, group, rays, rho, uv_b, rho_b, camera, flow_cov,  # type: ign
 
 @numba.njit(cache=True, nogil=True)
 def _eliminate(T, group, rays, rho, rho_measured, uv_b, rho_b, camera,  # type: ignore[no-untyped-def]
-               var_a, flow_cov, scale2, var_p, var_b):
-    """L⁻¹ (N, 3, 3), lower triangular, for S = Σ_φ + Σ_p + J_ρ σ_ρ² J_ρᵀ = L Lᵀ; new ρ (N,)."""
+               var_a, flow_cov, scale2, var_p, var_b, slope_b):
+    """L⁻¹ (N, 3, 3), lower triangular, of S = L Lᵀ; new ρ (N,)."""
     out, rho_new = np.zeros((len(rho), 3, 3)), np.empty(len(rho))
     for n in range(len(rho)):
         r, _, j = point_row(T[group[n]], rays[n], rho[n], uv_b[n], rho_b[n], camera)
         a, b, c = j[0], j[1], j[2]
-        va, s2 = var_a[n], scale2[n]
-        l00 = np.sqrt(flow_cov[n, 0, 0] * s2 + var_p + a * a * va)
-        l10 = (flow_cov[n, 0, 1] * s2 + a * b * va) / l00
-        l11 = np.sqrt(flow_cov[n, 1, 1] * s2 + var_p + b * b * va - l10 * l10)
-        l20 = a * c * va / l00
-        l21 = (b * c * va - l20 * l10) / l11
-        l22 = np.sqrt(var_b[n] + c * c * va - l20 * l20 - l21 * l21)
+        va, s2, gu, gv = var_a[n], scale2[n], slope_b[n, 0], slope_b[n, 1]
+        uu, uv, vv = flow_cov[n, 0, 0] * s2, flow_cov[n, 0, 1] * s2, flow_cov[n, 1, 1] * s2
+        ug, vg = uu * gu + uv * gv, uv * gu + vv * gv        # Σ_φ g
+        l00 = np.sqrt(uu + var_p + a * a * va)
+        l10 = (uv + a * b * va) / l00
+        l11 = np.sqrt(vv + var_p + b * b * va - l10 * l10)
+        l20 = (ug + a * c * va) / l00
+        l21 = (vg + b * c * va - l20 * l10) / l11
+        l22 = np.sqrt(gu * ug + gv * vg + var_b[n] + c * c * va - l20 * l20 - l21 * l21)
         out[n, 0, 0], out[n, 1, 1], out[n, 2, 2] = 1.0 / l00, 1.0 / l11, 1.0 / l22
         out[n, 1, 0] = -l10 / (l00 * l11)
         out[n, 2, 1] = -l21 / (l11 * l22)

@@ -60,6 +60,7 @@ def follow_points(points: Points2D, group_a: Array, flow: FlowField, a: Observat
         flow_cov=np.broadcast_to(np.eye(2) * noise.flow_sigma_px**2, (n, 2, 2)),
         rho_b=there.rho[kept],
         rho_sigma_b=np.where(there.rho > 0, sigma * there.gain, np.inf)[kept],
+        rho_slope_b=there.slope[kept],
         group=group_a[index], kind=np.full(n, CORNER_KIND)), here.slope[kept], index
 
 
@@ -85,6 +86,7 @@ def align_points(matches: PointMatches, expected_uv_b: Array, warps: Array, smoo
         rho_sigma_a=matches.rho_sigma_a[index], uv_b=uv_b, flow_cov=aligned.covariance[index],
         rho_b=there.rho,
         rho_sigma_b=np.where(there.rho > 0, noise.inverse_depth_sigma * there.gain, np.inf),
+        rho_slope_b=there.slope,
         group=matches.group[index], kind=np.full(len(index), REFINED_KIND)), index
 
 

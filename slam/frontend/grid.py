@@ -55,11 +55,12 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
     A cell belongs to the group of its middle pixel; cells of the static world, or all others.
 
     Returns:
-        (C, 8): count, Σu, Σv, Σ flow u, Σ flow v, Σρ_a, count with depth in b, Σρ_b; (C,).
+        (C, 10): count, Σu, Σv, Σ flow u, Σ flow v, Σρ_a, count with depth in b, Σρ_b, Σ ∂ρ_b/∂u,
+        Σ ∂ρ_b/∂v; (C,).
     """
     height, width = rho_a.shape
     rows, columns = height // cell_px, width // cell_px
-    sums = np.zeros((rows * columns, 8))
+    sums = np.zeros((rows * columns, 10))
     group = np.zeros(rows * columns, np.int64)
     used = 0
     for i in range(rows):
@@ -68,6 +69,7 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
             if own == 255 or (own == 0) != static:
                 continue
             count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = 0.0
+            slope_u = slope_v = 0.0
             for v in range(i * cell_px, (i + 1) * cell_px):
                 for u in range(j * cell_px, (j + 1) * cell_px):
                     here = rho_a[v, u]
@@ -82,14 +84,16 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
                     if group_b[to_v, to_u] != own:
                         continue
-                    seen = _between_pixels(rho_b, group_b, there_u, there_v, rho_b[to_v, to_u],
-                                           noise)
+                    seen, along_u, along_v = _between_pixels(
+                        rho_b, group_b, there_u, there_v, rho_b[to_v, to_u], noise)
                     if seen > 0.0:
                         # Wide enough for the noise: a gate that cuts its tail biases the mean.
                         if abs(seen - here) > max_change * here + max_noise:
                             continue
                         count_b += 1.0
                         sum_b += seen
+                        slope_u += along_u
+                        slope_v += along_v
                     count += 1.0
                     sum_u += u
                     sum_v += v
@@ -97,7 +101,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
                     flow_v += dv
                     sum_a += here
             if count > 0.0:
-                sums[used] = count, sum_u, sum_v, flow_u, flow_v, sum_a, count_b, sum_b
+                sums[used, :5] = count, sum_u, sum_v, flow_u, flow_v
+                sums[used, 5:] = sum_a, count_b, sum_b, slope_u, slope_v
                 group[used] = own
                 used += 1
     return sums[:used], group[:used]
@@ -105,7 +110,8 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untyped-def]
-    """Inverse depth at (u, v) between four pixels of one surface; else that of the nearest.
+    """Inverse depth at (u, v) between four pixels of one surface, and its slopes; else that of the
+    nearest, which has none.
 
     Reading the nearest errs alike all over a surface whose flow is nearly the same everywhere, by
     up to half a pixel's slope: an error along the ray that no number of pixels averages out.
@@ -115,7 +121,7 @@ def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untype
     """
     left, top = int(np.floor(u)), int(np.floor(v))
     if left < 0 or top < 0 or left + 1 >= rho.shape[1] or top + 1 >= rho.shape[0]:
-        return nearest
+        return nearest, 0.0, 0.0
     own, total, least, most = group[top, left], 0.0, nearest, nearest
     across, down = u - left, v - top
     for i in range(2):
@@ -123,10 +129,14 @@ def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untype
         for j in range(2):
             here = rho[top + i, left + j]
             if here <= 0.0 or group[top + i, left + j] != own:
-                return nearest
+                return nearest, 0.0, 0.0
             least, most = min(least, here), max(most, here)
             total += here * of_row * (across if j == 1 else 1.0 - across)
-    return nearest if most - least > _STEEPEST * nearest + noise else total
+    if most - least > _STEEPEST * nearest + noise:
+        return nearest, 0.0, 0.0
+    upper, lower = rho[top, left + 1] - rho[top, left], rho[top + 1, left + 1] - rho[top + 1, left]
+    return (total, upper + down * (lower - upper),
+            rho[top + 1, left] - rho[top, left] + across * (lower - upper))
 
 
 def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridConfig,
@@ -137,16 +147,17 @@ def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridCon
     mean = sums[:, 1:6] / n[:, None]
     # Depth in b must be of nearly all the pixels, or its mean is of another place.
     known_b = sums[:, 6] > 0.9 * n
-    rho_b = np.where(known_b, sums[:, 7] / np.maximum(sums[:, 6], 1.0), 0.0)
+    mean_b = np.where(known_b[:, None], sums[:, 7:10] / np.maximum(sums[:, 6:7], 1.0), 0.0)
     sigma_rho = noise.inverse_depth_sigma / np.sqrt(n)
     rho_a = _without_bias(mean[:, 4], rho_variance)
     variance = noise.flow_sigma_px**2 / n
     uv = mean[:, 0:2]
     return PointMatches(
         uv_a=uv, rho_a=rho_a, rho_sigma_a=sigma_rho, uv_b=uv + mean[:, 2:4],
-        flow_cov=variance[:, None, None] * np.eye(2), rho_b=_without_bias(rho_b, rho_variance),
-        rho_sigma_b=np.where(known_b, sigma_rho, np.inf), group=group,
-        kind=np.full(len(n), kind))
+        flow_cov=variance[:, None, None] * np.eye(2),
+        rho_b=_without_bias(mean_b[:, 0], rho_variance),
+        rho_sigma_b=np.where(known_b, sigma_rho, np.inf), rho_slope_b=mean_b[:, 1:],
+        group=group, kind=np.full(len(n), kind))
 
 
 def _without_bias(rho: Array, variance: float) -> Array:

@@ -28,7 +28,8 @@ def street_matches(rng, T_a_b, offset, n=2000):
     sigma = np.full(n, SIGMA)
     return PointMatches(
         uv, rho - offset + SIGMA * noise[2], sigma, uv_b, np.tile(np.eye(2) * 0.01, (n, 1, 1)),
-        1.0 / seen_b[:, 2] - offset + SIGMA * noise[3], sigma, np.zeros(n, int), np.zeros(n, int))
+        1.0 / seen_b[:, 2] - offset + SIGMA * noise[3], sigma, np.zeros((n, 2)),
+        np.zeros(n, int), np.zeros(n, int))
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.0016, -0.001])

@@ -137,8 +137,8 @@ def test_alignment_finds_points_that_start_a_pixel_off():
     uv = lattice((160, 200), step=11)
     n = len(uv)
     matches = PointMatches(uv, np.full(n, 1 / 3), np.full(n, 1e-3), uv, np.repeat(np.eye(2)[None],
-                           n, 0), np.zeros(n), np.full(n, np.inf), np.zeros(n, np.int64),
-                           np.full(n, CORNER_KIND))
+                           n, 0), np.zeros(n), np.full(n, np.inf), np.zeros((n, 2)),
+                           np.zeros(n, np.int64), np.full(n, CORNER_KIND))
     start = uv + shift + np.random.default_rng(0).uniform(-0.6, 0.6, uv.shape)
     aligned, index = align_points(matches, start, np.repeat(np.eye(2)[None], n, 0), smooth_a,
                                   smooth_b, surface, b, NOISE, config)
