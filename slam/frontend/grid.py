@@ -21,7 +21,8 @@ _STEEPEST = 0.03       # relative slope per pixel of a surface seen at a grazing
 
 
 def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, group_b: Array,
-                 config: GridConfig, noise: NoiseConfig, depth_scale: float = 1.0) -> PointMatches:
+                 config: GridConfig, noise: NoiseConfig, depth_scale: float = 1.0,
+                 static_rows: int = 1) -> PointMatches:
     """Cell means of a dense flow field as point matches.
 
     Noise of z, σ_z = σ z², makes 1/z too large in the mean, by σ²/ρ; the means are freed of it.
@@ -32,23 +33,25 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
         group_a, group_b: (H, W) uint8 motion group of each pixel in its own frame, 0 = static,
             255 = to be left out. A pixel counts if it stays in its group.
         depth_scale: measured over assumed standard deviation of the depth.
+        static_rows: of the static world every so many rows of pixels count.
     """
     valid = np.zeros((0, 0), np.bool_) if flow.valid is None else flow.valid
     arguments = (np.ascontiguousarray(flow.flow_px, dtype=np.float32), valid, rho_a, rho_b,
                  group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma,
                  4.0 * depth_scale * noise.inverse_depth_sigma)
-    static, _ = _cell_sums(config.static_cell_px, True, *arguments)
-    objects, group = _cell_sums(config.object_cell_px, False, *arguments)
+    static, _ = _cell_sums(config.static_cell_px, static_rows, True, *arguments)
+    objects, group = _cell_sums(config.object_cell_px, 1, False, *arguments)
     variance = (depth_scale * noise.inverse_depth_sigma) ** 2
-    return join(_matches(static, np.zeros(len(static), np.int64), config.static_cell_px, GRID_KIND,
-                         config, noise, variance),
-                _matches(objects, group, config.object_cell_px, OBJECT_GRID_KIND, config, noise,
+    pixels = config.static_cell_px * -(-config.static_cell_px // static_rows)
+    return join(_matches(static, np.zeros(len(static), np.int64), pixels, GRID_KIND, config, noise,
+                         variance),
+                _matches(objects, group, config.object_cell_px**2, OBJECT_GRID_KIND, config, noise,
                          variance))
 
 
 @numba.njit(cache=True, nogil=True)
-def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Array, rho_b: Array,
-               group_a: Array, group_b: Array, max_change: float,
+def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array, rho_a: Array,
+               rho_b: Array, group_a: Array, group_b: Array, max_change: float,
                max_noise: float, noise: float) -> tuple[Array, Array]:
     """Sums over the usable pixels of each cell, and each cell's group.
 
@@ -58,8 +61,7 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
         (C, 10): count, Σu, Σv, Σ flow u, Σ flow v, Σρ_a, count with depth in b, Σρ_b, Σ ∂ρ_b/∂u,
         Σ ∂ρ_b/∂v; (C,).
     """
-    height, width = rho_a.shape
-    rows, columns = height // cell_px, width // cell_px
+    rows, columns = rho_a.shape[0] // cell_px, rho_a.shape[1] // cell_px
     sums = np.zeros((rows * columns, 10))
     group = np.zeros(rows * columns, np.int64)
     used = 0
@@ -68,80 +70,81 @@ def _cell_sums(cell_px: int, static: bool, flow: Array, valid: Array, rho_a: Arr
             own = group_a[i * cell_px + cell_px // 2, j * cell_px + cell_px // 2]
             if own == 255 or (own == 0) != static:
                 continue
-            count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = 0.0
-            slope_u = slope_v = 0.0
-            for v in range(i * cell_px, (i + 1) * cell_px):
-                for u in range(j * cell_px, (j + 1) * cell_px):
-                    here = rho_a[v, u]
-                    if group_a[v, u] != own or here <= 0.0:
-                        continue
-                    if valid.size > 0 and not valid[v, u]:
-                        continue
-                    du, dv = flow[v, u, 0], flow[v, u, 1]
-                    there_u, there_v = u + du, v + dv
-                    if not (-0.5 <= there_u < width - 0.5 and -0.5 <= there_v < height - 0.5):
-                        continue
-                    to_u, to_v = int(there_u + 0.5), int(there_v + 0.5)
-                    if group_b[to_v, to_u] != own:
-                        continue
-                    seen, along_u, along_v = _between_pixels(
-                        rho_b, group_b, there_u, there_v, rho_b[to_v, to_u], noise)
-                    if seen > 0.0:
-                        # Wide enough for the noise: a gate that cuts its tail biases the mean.
-                        if abs(seen - here) > max_change * here + max_noise:
-                            continue
-                        count_b += 1.0
-                        sum_b += seen
-                        slope_u += along_u
-                        slope_v += along_v
-                    count += 1.0
-                    sum_u += u
-                    sum_v += v
-                    flow_u += du
-                    flow_v += dv
-                    sum_a += here
-            if count > 0.0:
-                sums[used, :5] = count, sum_u, sum_v, flow_u, flow_v
-                sums[used, 5:] = sum_a, count_b, sum_b, slope_u, slope_v
+            _add_cell(sums[used], i * cell_px, j * cell_px, cell_px, every, own, flow, valid, rho_a,
+                      rho_b, group_a, group_b, max_change, max_noise, noise)
+            if sums[used, 0] > 0.0:
                 group[used] = own
                 used += 1
     return sums[:used], group[:used]
 
 
+@numba.njit(cache=True, nogil=True)
+def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
+              rho_b, group_a, group_b, max_change, max_noise, noise):
+    height, width = rho_a.shape
+    count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = slope_u = slope_v = 0.0
+    for v in range(top, top + cell_px, every):
+        for u in range(left, left + cell_px):
+            here = rho_a[v, u]
+            if (group_a[v, u] != own or here <= 0.0
+                    or (valid.size > 0 and not valid[v, u])):
+                continue
+            du, dv = flow[v, u, 0], flow[v, u, 1]
+            x, y = u + du, v + dv
+            if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
+                continue
+            near = int(y + 0.5), int(x + 0.5)
+            if group_b[near] != own:
+                continue
+            seen, along_u, along_v = rho_b[near], 0.0, 0.0
+            i, j = int(np.floor(y)), int(np.floor(x))
+            if (0 <= i < height - 1 and 0 <= j < width - 1 and group_b[i, j] == own
+                    and group_b[i, j + 1] == own and group_b[i + 1, j] == own
+                    and group_b[i + 1, j + 1] == own):
+                seen, along_u, along_v = _between(
+                    rho_b[i, j], rho_b[i, j + 1], rho_b[i + 1, j], rho_b[i + 1, j + 1],
+                    x - j, y - i, seen, _STEEPEST * seen + noise)
+            if seen > 0.0:
+                # Wide enough for the noise: a gate that cuts its tail biases the mean.
+                if abs(seen - here) > max_change * here + max_noise:
+                    continue
+                count_b += 1.0
+                sum_b += seen
+                slope_u += along_u
+                slope_v += along_v
+            count += 1.0
+            sum_u += u
+            sum_v += v
+            flow_u += du
+            flow_v += dv
+            sum_a += here
+    sums[:5] = count, sum_u, sum_v, flow_u, flow_v
+    sums[5:] = sum_a, count_b, sum_b, slope_u, slope_v
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
-def _between_pixels(rho, group, u, v, nearest, noise):  # type: ignore[no-untyped-def]
-    """Inverse depth at (u, v) between four pixels of one surface, and its slopes; else that of the
-    nearest, which has none.
+def _between(a, b, c, d, across, down, nearest, limit):  # type: ignore[no-untyped-def]
+    """Inverse depth between four pixels of one surface, a b above c d, and its slopes; else that of
+    the nearest, which has none.
 
     Reading the nearest errs alike all over a surface whose flow is nearly the same everywhere, by
     up to half a pixel's slope: an error along the ray that no number of pixels averages out.
 
     Args:
-        noise: pixels that differ by more, and 3 % of their inverse depth, lie on two surfaces.
+        limit: pixels that differ by more lie on two surfaces.
     """
-    left, top = int(np.floor(u)), int(np.floor(v))
-    if left < 0 or top < 0 or left + 1 >= rho.shape[1] or top + 1 >= rho.shape[0]:
+    least, most = min(a, b, c, d), max(a, b, c, d)
+    if least <= 0.0 or most - least > limit:
         return nearest, 0.0, 0.0
-    own, total, least, most = group[top, left], 0.0, nearest, nearest
-    across, down = u - left, v - top
-    for i in range(2):
-        of_row = down if i == 1 else 1.0 - down
-        for j in range(2):
-            here = rho[top + i, left + j]
-            if here <= 0.0 or group[top + i, left + j] != own:
-                return nearest, 0.0, 0.0
-            least, most = min(least, here), max(most, here)
-            total += here * of_row * (across if j == 1 else 1.0 - across)
-    if most - least > _STEEPEST * nearest + noise:
-        return nearest, 0.0, 0.0
-    upper, lower = rho[top, left + 1] - rho[top, left], rho[top + 1, left + 1] - rho[top + 1, left]
-    return (total, upper + down * (lower - upper),
-            rho[top + 1, left] - rho[top, left] + across * (lower - upper))
+    upper, lower, left = b - a, d - c, c - a
+    turn = lower - upper
+    return (a + across * upper + down * (left + across * turn), upper + down * turn,
+            left + across * turn)
 
 
-def _matches(sums: Array, group: Array, cell_px: int, kind: int, config: GridConfig,
+def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConfig,
              noise: NoiseConfig, rho_variance: float) -> PointMatches:
-    keep = sums[:, 0] >= config.min_filled * cell_px**2
+    keep = sums[:, 0] >= config.min_filled * pixels
     sums, group = sums[keep], group[keep]
     n = sums[:, 0]
     mean = sums[:, 1:6] / n[:, None]
