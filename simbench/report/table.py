@@ -63,17 +63,36 @@ def _without_empty_columns(columns: tuple[str, ...], rows: tuple[tuple[str, ...]
 
 
 def _blocks(metrics: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    no_object_motion = _has_no_object_motion(metrics)
     for suffix, label in (("", ""), ("_batch", " after finish")):
         if suffix and _same(metrics):
             return
         if f"camera{suffix}" in metrics:
             yield f"camera{label}", metrics[f"camera{suffix}"]
         objects = metrics.get(f"objects{suffix}", {})
+        if no_object_motion:
+            if not suffix:     # a row for each, before and after `finish`, would say the same
+                yield "all objects", {"coverage": 0.0}
+            continue
         for key, block in objects.items():
             if key != "mean" and block.get("moving_frames"):
                 yield _object_name(key, block) + label, block
         if "coverage" in objects.get("mean", {}) and len(objects) > 2:
             yield f"all objects{label}", objects["mean"]
+
+
+def _has_no_object_motion(metrics: Mapping[str, Any]) -> bool:
+    """Objects move, and the system estimated no motion at all, of these or of anything else."""
+    blocks = [metrics.get(key, {}) for key in ("objects", "objects_batch")]
+    means = [objects.get("mean", {}) for objects in blocks]
+    given = (*(block.get("frames") for objects in blocks for block in objects.values()),
+             *(mean.get("false_motions") for mean in means),
+             *(mean.get("tracks_without_object") for mean in means))
+    return _true_motions(metrics) > 0 and not any(given)
+
+
+def _true_motions(metrics: Mapping[str, Any]) -> int:
+    return sum(block.get("moving_frames", 0) for block in metrics.get("objects", {}).values())
 
 
 def _same(metrics: Mapping[str, Any]) -> bool:
@@ -90,9 +109,13 @@ def _object_name(key: str, block: Mapping[str, Any]) -> str:
 
 def _notes(metrics: Mapping[str, Any], unit: str, scale: float) -> Iterator[str]:
     objects = metrics.get("objects", {})
+    no_object_motion = _has_no_object_motion(metrics)
+    if no_object_motion:
+        yield f"No motion of an object was estimated (true motions: {_true_motions(metrics)})."
     floors = [(name, block["truth_smoothness_floor"])
               for name, block in [("camera", metrics.get("camera", {})),
-                                  *((_object_name(k, b), b) for k, b in objects.items())]
+                                  *((_object_name(k, b), b) for k, b in objects.items()
+                                    if not no_object_motion)]
               if "truth_smoothness_floor" in block]
     if floors:
         listed = ", ".join(f"{name} {shown_number(floor['E_t'], scale)} {unit} / "

@@ -240,6 +240,40 @@ def test_the_tables_leave_out_what_nobody_has(content):
     assert not trajectory_table({"camera": {"coverage": 0.0}}).rows
 
 
+@pytest.fixture(scope="module")
+def camera_only() -> ReportContent:
+    record = run(PerturbedTruth(TRUTH, P, tracks=lambda k: {}),
+                 SyntheticFeed(SyntheticSequence(TRUTH)))
+    metrics = {"system": "orb",
+               "sequence": {"name": "synthetic", "frames": 40, "sha256": "0" * 64}}
+    online = Online.of(record)
+    return ReportContent.of(metrics | score(TRUTH, record), record.stamps_s, online.camera,
+                            online.motions, online.owner, TRUTH, True)
+
+
+def test_a_system_of_the_camera_alone_has_one_row_for_all_objects(camera_only):
+    errors = error_table(camera_only.metrics)
+    assert [row[0] for row in errors.rows] == ["camera", "all objects"]
+    assert errors.rows[1][1:] == ("–", "–", "0")
+    moved = sum(block.get("moving_frames", 0)
+                for block in camera_only.metrics["objects"].values())
+    sentence = f"No motion of an object was estimated (true motions: {moved})."
+    assert moved > 0
+    assert errors.notes[0] == sentence
+    page = render_report(camera_only)
+    assert sentence in page
+    assert "thing 1" not in page
+
+
+def test_a_motion_on_no_object_is_an_estimate(camera_only):
+    objects = camera_only.metrics["objects"]
+    ghost = camera_only.metrics | {
+        "objects": objects | {"mean": objects["mean"] | {"tracks_without_object": 1}}}
+    errors = error_table(ghost)
+    assert [row[0] for row in errors.rows] == ["camera", "thing 1", "thing 2", "all objects"]
+    assert not any("No motion" in note for note in errors.notes)
+
+
 def test_a_run_without_truth_has_a_page_too(content):
     blank = {key: content.metrics[key] for key in ("system", "sequence", "timing")}
     page = render_report(ReportContent.of(blank, content.stamps_s, content.camera,
