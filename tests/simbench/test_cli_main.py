@@ -1,6 +1,7 @@
 """Errors of the command line: one line on stderr, exit code 2, a traceback only on request."""
 
 import errno
+import os
 import subprocess
 import sys
 from importlib import metadata
@@ -102,6 +103,16 @@ def test_help_lists_the_commands_and_loads_nothing_heavy(capsys):
 def test_the_version_is_shown(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"simbench {metadata.version('simbench-slam')}\n"
+
+
+@pytest.mark.parametrize("words", [("-m", "simbench"), (str(ROOT / "simbench_command.py"),)])
+def test_python_starts_the_program_too(words, tmp_path):
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    shown, wrong = (subprocess.run([sys.executable, *words, asked], capture_output=True, text=True,
+                                   check=False, cwd=tmp_path, env=environment)
+                    for asked in ("--version", "--no-such-option"))
+    assert (shown.returncode, shown.stdout.split()[0]) == (0, "simbench")
+    assert (wrong.returncode, wrong.stderr.split()[0]) == (2, "error:")
 
 
 def test_an_interrupt_while_modules_load_is_one_line(tmp_path):
