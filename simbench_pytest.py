@@ -77,14 +77,21 @@ class Gate:
             raise pytest.UsageError("simbench: name a baseline, as in "
                                     "@pytest.mark.simbench(baseline='tests/smoke.json')")
         baseline = self._root / named
+        if not self._blessing and not baseline.exists():
+            pytest.fail(f"simbench: {baseline}: no such file; write it with `pytest "
+                        "--simbench-bless`, on purpose, and commit it", pytrace=False)
+        refused = None
         try:
+            blessed = None if self._blessing else read_baseline(baseline)   # before the suite
             out = self.suite(**options)
-            if self._blessing:
+            if blessed is None:
                 bless(out, baseline)
                 return
-            verdict = judge(read_baseline(baseline), outcome_of(out))
+            verdict = judge(blessed, outcome_of(out))
         except UserError as error:
-            pytest.fail(f"simbench: {error}", pytrace=False)
+            refused = str(error)
+        if refused is not None:     # outside the except, or pytest shows the error twice
+            pytest.fail(f"simbench: {refused}", pytrace=False)
         if not verdict.passed:
             lines = [*(f"LOST: {run}" for run in verdict.lost),
                      *(f"WORSE: {change}" for change in verdict.regressions)]

@@ -140,6 +140,9 @@ def test_my_slam_is_no_worse(simbench):
 
 def test_a_strangers_repository_gates_its_slam(project):
     root, run_tests = project
+    unblessed = run_tests()
+    assert unblessed.returncode == 1
+    assert "write it with `pytest --simbench-bless`" in unblessed.stdout
     blessed = run_tests("--simbench-bless")
     assert blessed.returncode == 0, blessed.stdout
     baseline = json.loads((root / "baseline.json").read_text())
@@ -151,6 +154,28 @@ def test_a_strangers_repository_gates_its_slam(project):
     assert worse.returncode == 1
     assert "WORSE: camera.E_t of my_slam.py:make on all sequences" in worse.stdout
     assert "+100 %" in worse.stdout
+
+
+@pytest.mark.parametrize("text", [None, "{"])
+def test_a_baseline_that_cannot_be_read_is_told_once_and_before_the_suite_runs(
+        project, tmp_path, text):
+    root, run_tests = project
+    path = tmp_path / "baseline.json"
+    if text is not None:
+        path.write_text(text)
+    (root / "test_no_baseline.py").write_text(f'''
+import pytest
+
+@pytest.mark.simbench(system="no_such_file.py:make", suite="suite.yaml", baseline={str(path)!r})
+def test_it(simbench):
+    simbench.gate()
+''')
+    failed = run_tests("test_no_baseline.py")
+    (root / "test_no_baseline.py").unlink()
+    assert failed.returncode == 1
+    assert failed.stdout.count(f"simbench: {path}") == 1
+    assert "no_such_file" not in failed.stdout
+    assert "During handling" not in failed.stdout
 
 
 def test_bless_and_gate_as_typed(project, tmp_path, capsys):
