@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,8 @@ def record_sequence(sequence: Sequence, save: Path | None = None) -> None:
     """Show frames, masks, flow, true edges and true paths in the viewer, or save them as .rrd.
 
     Raises:
-        UserError: Rerun is not installed, or there is no place for the file.
+        UserError: Rerun is not installed, or there is no place for the file, or no display for
+            the viewer.
         BadFrame: a frame cannot be read.
     """
     recording = _Recording(save)
@@ -74,6 +77,11 @@ def _onto(sequence: Sequence, stamps_s: Array, T_estimate_camera: Array) -> Arra
     return T_estimate_camera[nearest[k]] @ se3.inverse(truth.T_world_camera[k])
 
 
+def _has_display() -> bool:
+    return sys.platform != "linux" or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"))
+
+
 class _Recording:
     """A Rerun recording: in a viewer that is started, or in a file."""
 
@@ -84,6 +92,9 @@ class _Recording:
         import rerun  # noqa: PLC0415 (an optional extra)
         if save is not None:
             check_place("--save", save, (".rrd",))
+        elif not _has_display():     # the viewer would end at once, and its data wait for it
+            raise UserError("there is no display for Rerun's viewer; give --save FILE.rrd, "
+                            "--contact-sheet FILE.png or --mp4 FILE.mp4")
         self._rr: Any = rerun
         self._stream = rerun.RecordingStream("simbench")
         if save is None:

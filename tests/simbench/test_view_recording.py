@@ -1,5 +1,6 @@
 """What `view` hands to Rerun, read back from the file it saves."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,22 @@ def column(batches, component):
             if name.endswith(component):
                 values += [row for row in batch.column(name).to_pylist() if row is not None]
     return values
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a display is named so")
+def test_without_a_display_no_viewer_is_started(generated, monkeypatch, capsys):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    started = []
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda *_, **__: started.append(1))
+    assert main(["view", str(generated)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: there is no display")
+    assert "--save FILE.rrd" in error
+    assert not started
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert main(["view", str(generated)]) == 0
+    assert started == [1]
 
 
 def test_a_sequence_is_recorded_with_frames_edges_and_true_paths(generated, tmp_path):
