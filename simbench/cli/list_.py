@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import textwrap
+
 import typer
+
+_NARROWEST = 40     # characters; below, lines break where they will
 
 
 def list_command() -> None:
@@ -15,20 +21,31 @@ def list_command() -> None:
 
     typer.echo("Scenes")
     for scene in list_scenes():
-        typer.echo(f"  {scene.name:<20} {scene.description} "
-                   f"({scene.width}x{scene.height}, {scene.fps:g} fps)")
+        _entry(f"  {scene.name:<20} ", f"{scene.description} "
+               f"({scene.width}x{scene.height}, {scene.fps:g} fps)")
         for dial in scene.dials:
-            typer.echo(f"      --dial {dial.name}={dial.shown(dial.default)}".ljust(34)
-                       + f"{dial.allowed}: {dial.help}")
+            _entry(f"      --dial {dial.name}={dial.shown(dial.default)}".ljust(34),
+                   f"{dial.allowed}: {dial.help}")
     typer.echo("\nSystems")
     for name, text in descriptions().items():
-        typer.echo(f"  {name:<20} {text}")
+        _entry(f"  {name:<20} ", text)
     typer.echo("\nSuites")
     for name in list_suites():
-        typer.echo(f"  {name:<20} {' '.join(load_suite(name).description.split())}")
+        _entry(f"  {name:<20} ", ' '.join(load_suite(name).description.split()))
     typer.echo("\nTables, for `simbench reproduce`")
     for name in list_tables():
-        typer.echo(f"  {name:<20} {load_table(name).title}")
+        _entry(f"  {name:<20} ", load_table(name).title)
     typer.echo("\nSensors")
     for sensor in SENSORS.values():
-        typer.echo(f"  {sensor.name:<20} {sensor.help}")
+        _entry(f"  {sensor.name:<20} ", sensor.help)
+
+
+def _entry(head: str, text: str) -> None:
+    """One line into a pipe, so that grep finds it whole; in a terminal broken to its width."""
+    width = shutil.get_terminal_size().columns
+    if sys.stdout.isatty() and width >= _NARROWEST:
+        indent = " " * min(len(head), width // 3)
+        typer.echo(textwrap.fill(head + text, width, subsequent_indent=indent,
+                                 break_long_words=False, break_on_hyphens=False))
+    else:
+        typer.echo(head + text)

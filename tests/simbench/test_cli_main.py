@@ -131,6 +131,18 @@ def test_list_names_scenes_dials_systems_and_sensors(capsys):
         assert word in listed
 
 
+def test_list_breaks_its_lines_in_a_terminal_only(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    assert main(["list"]) == 0
+    piped = capsys.readouterr().out
+    assert max(map(len, piped.splitlines())) > 100
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert main(["list"]) == 0
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 60
+    assert shown.split() == piped.split()
+
+
 def test_sizes_and_dials_are_parsed():
     assert parse_size("320x240") == (320, 240)
     assert parse_size(None) is None
