@@ -31,13 +31,19 @@ class SensorSpec:
     boxes: BoxNoise = field(default_factory=BoxNoise)
 
 
+def _reach(depth: KinectDepth | StereoDepth) -> str:
+    return f"no depth beyond {depth.max_m:g} m, for rooms"
+
+
 SENSORS: Mapping[str, SensorSpec] = {spec.name: spec for spec in (
     SensorSpec("ideal", "Exact depth and noiseless colour."),
     SensorSpec("gaussian", "White depth noise of 0.002 z² m: the setting of the accuracy tables.",
                depth=GaussianDepth()),
-    SensorSpec("kinect", "Structured light: axial and lateral noise, disparity steps, shadows.",
+    SensorSpec("kinect", "Structured light: axial and lateral noise, disparity steps, shadows; "
+               f"{_reach(KinectDepth())}.",
                depth=KinectDepth(), rgb=RgbNoise(full_well_e=8_000.0, read_dn=1.5)),
-    SensorSpec("realsense", "Active stereo: smooth noise z² · subpixel / (f B), shadows.",
+    SensorSpec("realsense", "Active stereo: smooth noise z² · subpixel / (f B), shadows; "
+               f"{_reach(StereoDepth())}.",
                depth=StereoDepth(), rgb=RgbNoise(full_well_e=10_000.0, read_dn=1.0)),
     SensorSpec("handheld", "The realsense sensor with 10 ms of exposure: moving things blur.",
                depth=StereoDepth(), rgb=RgbNoise(full_well_e=10_000.0, read_dn=1.0),

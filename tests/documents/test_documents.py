@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import json
 import sys
 import xml.etree.ElementTree
 from collections.abc import Iterator
@@ -122,11 +123,16 @@ def follow_shell(block: Block, _: dict[str, object]) -> None:
 
 
 def follow_yaml(block: Block, _: dict[str, object]) -> None:
-    """A suite can be loaded; what a GitHub workflow runs is held against the command lines."""
+    """A suite, cut short, loses no frame; a GitHub workflow is held against the command lines."""
     content = yaml.safe_load(block.text)
     if "cases" in content:
         Path("block.yaml").write_text(block.text)
         assert load_suite("block.yaml").name == content["name"]
+        assert main(["suite", "block.yaml", "--seeds", "0", "--frames", "3",
+                     "--out", "block"]) == 0
+        runs = json.loads(Path("block/results.json").read_text())["runs"]
+        assert runs
+        assert not any(run["lost_frames"] for run in runs)
     for job in content.get("jobs", {}).values():
         for step in job["steps"]:
             for line in step.get("run", "").splitlines():
