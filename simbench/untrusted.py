@@ -62,7 +62,7 @@ def read_json_object(path: Path, otherwise: str, most: int = MOST_TEXT_BYTES) ->
         value = json.loads(read_bytes(path, most), parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         line = f":{error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
-        raise BadFile(f"{path}{line}: not JSON, or not valid JSON ({str(error)[:80]}); {otherwise}"
+        raise BadFile(f"{path}{line}: not valid JSON ({str(error)[:80]}); {otherwise}"
                       ) from None
     except BadFile as error:
         raise BadFile(f"{str(error).rpartition(';')[0]}; {otherwise}") from None
