@@ -35,7 +35,6 @@ class PointLineMap:
     points: Landmarks = field(default_factory=lambda: Landmarks(1))
     lines: Landmarks = field(default_factory=lambda: Landmarks(2))
     keyframes: list[Keyframe] = field(default_factory=list)
-
     part: int = -1           # the one that grows
 
     def begin_part(self) -> None:
@@ -127,18 +126,6 @@ class PointLineMap:
         shared[keyframe.number] = 0
         best = np.argsort(-shared, kind="stable")[:count]
         return [self.keyframes[i] for i in best if shared[i] >= at_least]
-
-    def well_seen(self, keyframe: Keyframe, times: int) -> int:
-        """How many landmarks of a keyframe at least so many keyframes see."""
-        total = 0
-        for name, table in (("point_of", self.points), ("line_of", self.lines)):
-            count = np.zeros(table.count + 1, np.int64)
-            for other in self.keyframes:
-                if other.alive:
-                    count[getattr(other, name)] += 1     # each landmark once a keyframe
-            count[-1] = 0                                # the last row answers −1
-            total += int(np.count_nonzero(count[getattr(keyframe, name)] >= times))
-        return total
 
     def landmarks_of(self, keyframes: list[Keyframe]) -> tuple[Array, Array]:
         """Rows of the living points and lines that any of these keyframes sees, ascending."""
