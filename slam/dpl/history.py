@@ -81,7 +81,7 @@ class FrameHistory:
                              segments=segments, inliers=inliers)
 
     def moved_to(self, keyframe: Keyframe, T_world_camera: Array) -> None:
-        """The last frame became a keyframe, and mapping moved it."""
+        """The last frame became a keyframe, which mapping may have moved."""
         self.T_world_camera = np.array(T_world_camera)
         row = self._rows[-1]
         row.keyframe, row.T_keyframe_camera = keyframe.number, np.eye(4)

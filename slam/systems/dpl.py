@@ -113,6 +113,11 @@ class DplSlam:
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
 
+    def _lean_on_reference(self) -> None:
+        """The newest frame has become the reference keyframe, and goes where it goes."""
+        assert self.reference is not None
+        self.history.moved_to(self.reference, self.reference.T_world_camera)
+
     def _close_loop(self, keyframe: Keyframe) -> None:
         """Where the keyframe shows a place from before, the map is corrected for it."""
         for old in self.loop_detector.candidates(self.map, keyframe):
@@ -184,8 +189,7 @@ class DplSlam:
         self.before, self.lost_with_features = tracked, 0
         if self._keyframe_due(tracked, row):
             self._insert(row, tracked)
-            assert self.before is not None
-            self.history.moved_to(self.reference, self.before.T_world_camera)
+            self._lean_on_reference()
         clock.lap("map")
         return self.history.amend(estimate, clock.laps_ms())
 
@@ -217,6 +221,7 @@ class DplSlam:
                                          reason or "not found in the map yet", clock.laps_ms())
         if self.lost_with_features >= _GIVE_UP_AFTER:
             self._start_map(len(self.history) - 1, estimate.T_world_camera, features)
+            self._lean_on_reference()
         return estimate
 
     def _relocalise(self, features: Features) -> tuple[TrackedFrame | None, Fit | None]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import box_world as bw
 import slam
@@ -145,10 +145,13 @@ def test_uncovered_where_nothing_is_known_a_new_part_of_the_map_begins(scene):
     other = [replace(frames[0], rgb=wall, depth_m=np.full((H, W), 2.0, np.float32), index=4 + i,
                      stamp_s=frames[3].stamp_s + 0.1 * (i + 1), instance_id=None)
              for i in range(20)]
-    _, estimates = run([*frames[:4], *other])
+    system, estimates = run([*frames[:4], *other])
     status = [e.status for e in estimates]
     assert status[4] == Status.LOST
     assert status[-1] == Status.TRACKED
+    begun = next(k for k in system.map.keyframes if k.part == 1)
+    begun.T_world_camera = se3.exp(np.array([0.1, 0.0, 0.2, 1.0, 2.0, 0.5])) @ begun.T_world_camera
+    assert_allclose(system.finish().T_world_camera[begun.frame], begun.T_world_camera, atol=1e-9)
 
 
 def test_a_frame_that_repeats_stands_still(scene):
