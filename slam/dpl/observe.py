@@ -56,6 +56,7 @@ class FrameObserver:
             lap("movers")
         whole, *right = (Features(p, q) for p, q in zip(points, lines.result(), strict=True))
         lap("wait for lines")
+        self.stereo.fault = ""           # of a pair before, if this frame is none
         if pair:
             whole = self.stereo(whole, right[0], picture.smooth, pair[0].smooth)
             lap("stereo")

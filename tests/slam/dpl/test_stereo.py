@@ -1,5 +1,7 @@
 """Depth from a rectified pair by matching points and lines, and pairs that are none."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -146,3 +148,10 @@ def test_the_system_says_what_is_wrong_with_a_pair():
     estimate = system.process(frame(0, *pair()[::-1]))
     assert estimate.status is Status.LOST
     assert "left and right are swapped" in estimate.reason
+
+
+def test_a_pair_s_fault_is_no_matter_of_the_frame_after_it():
+    system = slam.make("dpl", CAMERA)
+    swapped, alone = frame(0, *pair()[::-1]), replace(frame(1, *pair()), right=None)
+    assert "swapped" in system.process(swapped).reason
+    assert "swapped" not in system.process(alone).reason
