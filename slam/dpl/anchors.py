@@ -8,10 +8,12 @@ do not add up from frame to frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from slam.backend.anchors import carried
 from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
@@ -21,7 +23,6 @@ from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.frontend.surface import fit_surfaces
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.geometry.camera import project_jacobian, rays
 from slam.types import Intrinsics
 
 
@@ -77,18 +78,19 @@ class Anchors:
         """Rows that are other landmarks' now: these have no patch yet."""
         self.known[rows[rows < len(self.known)]] = False
 
-    def align(self, rows: Array, T_keyframe_world: Array, T_world_camera: Array,
+    def align(self, rows: Array, poses_of: Callable[[Array], Array], T_world_camera: Array,
               uv_start: Array, picture: Picture) -> RefinedMatches:
         """Where in a picture landmarks are, to be found around `uv_start` (N, 2).
 
         Args:
-            T_keyframe_world: (K, 4, 4) poses of all keyframes, inverted.
+            poses_of: T_world_camera (N, 4, 4) of keyframes by their numbers (N,).
         """
         known = self.known[np.minimum(rows, len(self.known) - 1)] & (rows < len(self.known))
         rows = np.where(known, rows, 0)
-        T_b_a = se3.inverse(T_keyframe_world[self._keyframe[rows]] @ T_world_camera)
-        A = self._warps(rows, T_b_a)
-        known &= np.isfinite(A).all(axis=(1, 2))
+        T_b_a = se3.inverse(T_world_camera) @ poses_of(self._keyframe[rows])
+        _, rho_b, A = carried(self.camera, self._uv[rows], self._rho[rows], self._slope[rows],
+                              T_b_a)
+        known &= rho_b > 0                                    # before the camera
         A[~known] = np.eye(2)
         side = self._side
         at = self._uv[rows] - np.floor(self._uv[rows]) + self.config.radius_px + 1
@@ -96,16 +98,6 @@ class Anchors:
         start = np.where(known[:, None], uv_start, -1.0)      # what does not fit is not aligned
         return refine_matches(self._tile[rows].reshape(-1, side), picture.smooth, at, start,
                               self.alignment, A, self._surface[rows].reshape(-1, side))
-
-    def _warps(self, rows: Array, T_b_a: Array) -> Array:
-        """(N, 2, 2) how patches deform between two views of their surfaces."""
-        R, t = T_b_a[:, :3, :3], T_b_a[:, :3, 3]
-        moved = np.einsum("nij,nj->ni", R, rays(self.camera, self._uv[rows]))
-        moved = moved + self._rho[rows, None] * t
-        moved[:, 2] = np.where(moved[:, 2] > 0, moved[:, 2], np.nan)
-        per_pixel = R[:, :, :2] / np.array([self.camera.fx, self.camera.fy])
-        return np.asarray(project_jacobian(self.camera, moved)
-                          @ (per_pixel + t[:, :, None] * self._slope[rows][:, None, :]))
 
 
 def pinned(points: KeyPoints, which: Array, sigma_px: float) -> KeyPoints:

@@ -73,6 +73,11 @@ class PointLineMap:
         return np.array([k.T_world_camera if k.alive else self.pose(k.number)
                          for k in self.keyframes]).reshape(-1, 4, 4)
 
+    def poses_of(self, numbers: Array) -> Array:
+        """(N, 4, 4) of some keyframes, each sought once however often it is named."""
+        each, which = np.unique(numbers, return_inverse=True)
+        return np.array([self.pose(number) for number in each]).reshape(-1, 4, 4)[which]
+
     def living(self) -> list[Keyframe]:
         return [k for k in self.keyframes if k.alive]
 

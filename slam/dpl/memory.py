@@ -70,10 +70,9 @@ class LandmarkMemory:
                 point_rows: Array, T_world_camera: Array, picture: Picture) -> Features:
         """Features of which the points that fit (P,) are aligned with their landmarks' patches."""
         at = np.flatnonzero(fits)
-        T_keyframe_world = se3.inverse(map_.poses())
         expected = project(self.camera, se3.transform_points(se3.inverse(T_world_camera),
                                                              pairs.xyz[at]))
-        aligned = self.anchors.align(point_rows[at], T_keyframe_world, T_world_camera, expected,
+        aligned = self.anchors.align(point_rows[at], map_.poses_of, T_world_camera, expected,
                                      picture)
         return Features(sharpened(features.points, pairs.point[at], aligned,
                                   self.config.anchors.sigma_px), features.lines)
