@@ -20,7 +20,7 @@ from slam.frontend.points import PointConfig, corner_response, detect_points
 from slam.frontend.refine import RefineConfig, refine_matches
 from slam.frontend.sampling import nearest
 from slam.frontend.support import patch_support
-from slam.frontend.surface import SurfacePatches, fit_surfaces
+from slam.frontend.surface import SurfacePatches, carried, fit_surfaces
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.map import STATIC, Features, PointLandmarks, PointObservations
@@ -153,23 +153,3 @@ def has_room(body: Array, alive: Array, count: int) -> Array:
         own = np.flatnonzero(body == b)
         room[own[max(count - int(np.count_nonzero(alive == b)), 0):]] = False
     return room
-
-
-def carried(camera: Intrinsics, uv: Array, rho: Array, slope: Array, T_b_a: Array
-            ) -> tuple[Array, Array, Array]:
-    """Where motions put pixels on inclined surfaces, and how they deform the image there.
-
-    Args:
-        uv, rho, slope: (N, 2) px, (N,) 1/m and (N, 2) ∂ρ/∂uv in camera a.
-        T_b_a: (N, 4, 4) from camera a to b.
-    Returns:
-        uv (N, 2) and inverse depths (N,) in b (< 0 behind it), warps (N, 2, 2).
-    """
-    R, t = T_b_a[:, :3, :3], T_b_a[:, :3, 3]
-    moved = np.einsum("nij,nj->ni", R, pinhole.rays(camera, uv)) + rho[:, None] * t
-    safe = np.where(moved[:, 2:] > 1e-6, moved, [0.0, 0.0, 1.0])
-    per_pixel = R[:, :, :2] / np.array([camera.fx, camera.fy])
-    warp = pinhole.project_jacobian(camera, safe) @ (per_pixel
-                                                     + t[:, :, None] * slope[:, None, :])
-    rho_b = np.where(moved[:, 2] > 1e-6, rho / safe[:, 2], -1.0)
-    return pinhole.project(camera, safe), rho_b, warp

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from slam.backend.anchors import carried, has_room
+from slam.backend.anchors import has_room
 from slam.backend.atlas import Atlas
 from slam.backend.config import AnchorConfig
 from slam.backend.frame_bodies import FrameBodies
@@ -23,6 +23,7 @@ from slam.frontend.refine_lines import LineRefineConfig, fitted_segments
 from slam.frontend.sampling import nearest
 from slam.frontend.segments import SegmentConfig, cull_segments
 from slam.frontend.support import patch_support
+from slam.frontend.surface import carried
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.geometry.line import orthonormal_from_plucker, plucker_from_points

@@ -13,14 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.backend.anchors import carried
 from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
 from slam.dpl.sightings import covariance_of, whitening_of
 from slam.frontend.patches import fits
 from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
-from slam.frontend.surface import fit_surfaces
+from slam.frontend.surface import carried, fit_surfaces
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
+from slam.geometry.camera import Pinhole
 
 _RADIUS_PX = 3            # 7×7 windows: small against the face of a box, large against noise
 _MAX_STEP = 0.08          # relative: farther from the middle pixel is another surface
@@ -40,6 +42,26 @@ def fit_surfaces(rho: Array, label_index: Array, uv_px: Array,
     out = _fit_all(np.ascontiguousarray(rho), np.ascontiguousarray(label_index),
                    np.ascontiguousarray(uv_px, dtype=np.float64), inverse_depth_sigma)
     return SurfacePatches(out[:, 0], out[:, 1:3], out[:, 3])
+
+
+def carried(camera: Pinhole, uv: Array, rho: Array, slope: Array, T_b_a: Array
+            ) -> tuple[Array, Array, Array]:
+    """Where motions put pixels on inclined surfaces, and how they deform the image there.
+
+    Args:
+        uv, rho, slope: (N, 2) px, (N,) 1/m and (N, 2) ∂ρ/∂uv in camera a.
+        T_b_a: (N, 4, 4) from camera a to b.
+    Returns:
+        uv (N, 2) and inverse depths (N,) in b (< 0 behind it), warps (N, 2, 2).
+    """
+    R, t = T_b_a[:, :3, :3], T_b_a[:, :3, 3]
+    moved = np.einsum("nij,nj->ni", R, pinhole.rays(camera, uv)) + rho[:, None] * t
+    safe = np.where(moved[:, 2:] > 1e-6, moved, [0.0, 0.0, 1.0])
+    per_pixel = R[:, :, :2] / np.array([camera.fx, camera.fy])
+    warp = pinhole.project_jacobian(camera, safe) @ (per_pixel
+                                                     + t[:, :, None] * slope[:, None, :])
+    rho_b = np.where(moved[:, 2] > 1e-6, rho / safe[:, 2], -1.0)
+    return pinhole.project(camera, safe), rho_b, warp
 
 
 @numba.njit(cache=True, nogil=True)

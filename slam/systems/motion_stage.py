@@ -27,6 +27,7 @@ from slam.frontend.observe import Observation
 from slam.frontend.refine import RefineConfig as AlignConfig
 from slam.frontend.refine import prepare_image
 from slam.frontend.support import surface_image
+from slam.frontend.surface import carried
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -282,14 +283,9 @@ class MotionStage:
 
     def _carried(self, uv_a: Array, rho_a: Array, slopes: Array, T_b_a: Array
                  ) -> tuple[Array, Array]:
-        """Where motions put pixels on inclined surfaces, and how they deform the image there."""
-        rays = pinhole.rays(self.intrinsics, uv_a)
-        R, t = T_b_a[:, :3, :3], T_b_a[:, :3, 3]
-        moved = np.einsum("nij,nj->ni", R, rays) + rho_a[:, None] * t
-        uv = pinhole.project(self.intrinsics, moved)
-        J = pinhole.project_jacobian(self.intrinsics, moved)
-        per_pixel = R[:, :, :2] / np.array([self.intrinsics.fx, self.intrinsics.fy])
-        return uv, J @ (per_pixel + t[:, :, None] * slopes[:, None, :])
+        """As `carried`, with NaN for what comes to lie behind the camera."""
+        uv, rho_b, warps = carried(self.intrinsics, uv_a, rho_a, slopes, T_b_a)
+        return np.where(rho_b[:, None] < 0, np.nan, uv), warps
 
     def smoothed(self, observation: Observation) -> Array:
         """The image prepared for alignment; the last two frames' are kept."""

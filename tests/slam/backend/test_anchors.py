@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose
 
 import wave_pictures
 from numerics import numerical_jacobian
-from slam.backend.anchors import carried
 from slam.frontend.refine import RefineConfig, prepare_image, refine_matches
+from slam.frontend.surface import carried
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.types import Intrinsics
