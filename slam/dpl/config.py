@@ -109,7 +109,8 @@ class MappingConfig:
     """Keyframes and local mapping."""
 
     keyframe_share: float = 0.75     # of the reference keyframe's landmarks; below: a new one
-    min_points: int = 100            # close landmarks tracked; fewer: a new keyframe
+    min_points: int = 100            # landmarks tracked; fewer, and half as many points with depth
+                                     # that are none yet: a new keyframe
     max_gap: int = 30                # frames between keyframes, at most
     window: int = 8                  # keyframes that local bundle adjustment moves
     fixed: int = 6                   # neighbours that hold it

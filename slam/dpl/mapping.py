@@ -28,8 +28,7 @@ class LocalMapper:
         """A new keyframe with landmarks for what it alone sees; the map around it is adjusted."""
         keyframe = map_.add_keyframe(frame, tracked.T_world_camera, tracked.features,
                                      tracked.point_of, tracked.line_of)
-        self._cull_landmarks(map_.points, map_, keyframe.number)
-        self._cull_landmarks(map_.lines, map_, keyframe.number)
+        self._cull_landmarks(map_, keyframe.number)
         self._add_points(map_, keyframe)
         self._add_lines(map_, keyframe)
         neighbours = map_.neighbours(keyframe, self.config.mapping.window - 1)
@@ -76,20 +75,24 @@ class LocalMapper:
                                                np.zeros(len(new), np.int32), T[:3, 3],
                                                keyframe.number)
 
-    def _cull_landmarks(self, table: Landmarks, map_: PointLineMap, now: int) -> None:
+    def _cull_landmarks(self, map_: PointLineMap, now: int) -> None:
         """Landmarks that are seldom found where they should be seen, or seen once only, go."""
-        seldom = table.found < self.config.mapping.min_found_share * table.visible
-        age = now - table.born
         recent = map_.keyframes[-(_YOUNG + 2):]
-        sightings = np.zeros(table.count, np.int64)
-        for keyframe in recent:
-            of = keyframe.point_of if table is map_.points else keyframe.line_of
-            np.add.at(sightings, of[of >= 0], 1)
-        lonely = (age == _YOUNG) & (sightings < 2)
-        table.alive[seldom | lonely] = False
+        self._cull(map_.points, [k.point_of for k in recent], now)
+        self._cull(map_.lines, [k.line_of for k in recent], now)
         for keyframe in map_.keyframes:
             map_.forget_dead(keyframe)
-        table.reuse_dead()
+        map_.points.reuse_dead()
+        map_.lines.reuse_dead()
+
+    def _cull(self, table: Landmarks, recent: list[Array], now: int) -> None:
+        """Mark what goes; `recent` are the landmarks' rows in the last keyframes."""
+        seldom = table.found < self.config.mapping.min_found_share * table.visible
+        sightings = np.zeros(table.count, np.int64)
+        for of in recent:
+            np.add.at(sightings, of[of >= 0], 1)
+        lonely = (now - table.born == _YOUNG) & (sightings < 2)
+        table.alive[seldom | lonely] = False
 
     def _choose_references(self, map_: PointLineMap, keyframe: Keyframe) -> None:
         """Reference keyframes of map lines: whoever sees the line widest and fits it well."""

@@ -14,8 +14,8 @@ def match_line_pairs(left: KeyLines, right: KeyLines, config: StereoConfig,
                      shape: tuple[int, ...]) -> Array:
     """(L,) for each left segment its partner's row in the right ones, or −1.
 
-    Candidates share the grid cell of their start or of their end; of those the nearest descriptor,
-    both ways, that runs alike and beside it.
+    Candidates have their starts or their ends in one cell or in cells above each other; of those
+    the nearest descriptor, both ways, that runs alike and beside it.
     """
     n, m = len(left), len(right)
     if n == 0 or m == 0:
@@ -35,7 +35,8 @@ def match_line_pairs(left: KeyLines, right: KeyLines, config: StereoConfig,
 
 def _share_a_cell(left: Array, right: Array, config: StereoConfig, shape: tuple[int, ...]
                   ) -> Array:
-    """(L, R) bool. Cells are rows of the image, as wide as disparities reach."""
+    """(L, R) bool: starts or ends of both lie in one band of rows or in neighbouring ones, and no
+    farther apart along the rows than disparities reach."""
     height = max(shape[0] / config.grid_rows, 1.0)
     row_a, row_b = left[:, :, 1] // height, right[:, :, 1] // height               # (L, 2), (R, 2)
     shift = left[:, None, :, 0] - right[None, :, :, 0]
