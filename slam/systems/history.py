@@ -54,12 +54,13 @@ class History:
             self._velocity = se3.log(T_a_b) / self._last_dt_s
 
     def add(self, estimate: FrameEstimate) -> FrameEstimate:
-        self.estimates.append(estimate)
+        """Record an estimate; its features, the most of it, are for the caller alone."""
+        self.estimates.append(_without_features(estimate))
         return estimate
 
     def amend(self, estimate: FrameEstimate) -> FrameEstimate:
         """Replace the last estimate by one that says more."""
-        self.estimates[-1] = estimate
+        self.estimates[-1] = _without_features(estimate)
         return estimate
 
     def add_lost(self, frame: Frame, reason: str, timings: Mapping[str, float]) -> FrameEstimate:
@@ -124,6 +125,10 @@ class History:
              for track, rows in tracks.items()},
             tuple(e.status for e in self.estimates),
             static_line_tracklet_lengths=static_line_lengths)
+
+
+def _without_features(estimate: FrameEstimate) -> FrameEstimate:
+    return replace(estimate, points=None, segments=None)
 
 
 def _object_estimates(tracked: Tracked, T_world_a: Array, of_camera: Array

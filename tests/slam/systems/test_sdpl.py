@@ -106,6 +106,15 @@ def test_the_result_tells_the_run_as_it_was(two_boxes):
     assert result.static_line_tracklet_lengths.max() >= 5
 
 
+def test_of_old_estimates_the_features_are_not_kept(two_boxes):
+    _, _, frames = two_boxes
+    system, estimates = run(frames[:4])
+    assert all(len(e.points) and len(e.segments) for e in estimates)
+    assert all(e.points is None and e.segments is None for e in system.history.estimates)
+    assert_array_equal([e.T_world_camera for e in system.history.estimates],
+                       [e.T_world_camera for e in estimates])
+
+
 def test_features_live_on_over_many_frames_on_their_own_things(two_boxes):
     _, _, frames = two_boxes
     _, estimates = run(frames)
