@@ -233,7 +233,7 @@ def test_reading_a_folder_without_a_run_says_so(tmp_path):
     with pytest.raises(BadFile, match="no such file"):
         read_metrics(tmp_path)
     (tmp_path / "metrics.json").write_text('{"schema": 1,')
-    with pytest.raises(BadFile, match=r"metrics.json:1: not JSON"):
+    with pytest.raises(BadFile, match=r"metrics.json:1: not valid JSON"):
         read_metrics(tmp_path)
     (tmp_path / "metrics.json").write_text('{"schema": 99}')
     with pytest.raises(BadFile, match="schema"):
