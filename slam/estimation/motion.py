@@ -51,11 +51,6 @@ class Motions:
         return self.points.refined_uv_b(self.T_a_b)
 
     @cached_property
-    def refined_rho_a(self) -> Array:
-        """(N,) 1/m."""
-        return self.points.rho
-
-    @cached_property
     def refined_endpoints_b(self) -> Array:
         """(L, 2, 2) px: a + φ_a and b + φ_b with the optimised flows."""
         return self.lines.refined_endpoints_b(self.T_a_b)
