@@ -59,6 +59,12 @@ def object_covariance(T_world_a: Array, T_a_b_object: Array, camera: Array,
     return moved_covariance(T_world_a @ T_a_b_object, camera + body)
 
 
+def rotation_sigma(information: Array) -> Array:
+    """(...) rad: standard deviation of a rotation, over all axes, by information (..., 6, 6)."""
+    variance = np.linalg.inv(information + np.eye(6) * 1e-6)
+    return np.asarray(np.sqrt(np.trace(variance[..., :3, :3], axis1=-2, axis2=-1)))
+
+
 @numba.njit(cache=True, nogil=True)
 def sharing(uv_px, group, groups, width_px):  # type: ignore[no-untyped-def]
     """By how much (G,) windows that overlap claim too much information.

@@ -20,7 +20,7 @@ from slam.frontend.points import PointConfig, corner_response, detect_points
 from slam.frontend.sampling import depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.geometry.arrays import Array
-from slam.systems.motion_stage import Tracked
+from slam.systems.judgement import Tracked
 from slam.types import Points2D, Segments2D
 
 

@@ -14,7 +14,7 @@ from slam.dynamics.smooth_motion import BodyVelocity, MeasuredMotions, keep_movi
 from slam.estimation.covariance import covariance_of, known_or_none, object_covariance
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.systems.motion_stage import Tracked
+from slam.systems.judgement import Tracked
 from slam.types import (
     Frame,
     FrameEstimate,

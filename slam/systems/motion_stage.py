@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +11,10 @@ from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moving
 from slam.estimation.calibration import DepthOffset
-from slam.estimation.covariance import sharing
+from slam.estimation.covariance import rotation_sigma, sharing
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.follow import (
-    REFINED_KIND,
     align_points,
     align_segments,
     follow_points,
@@ -28,10 +26,11 @@ from slam.frontend.refine import RefineConfig as AlignConfig
 from slam.frontend.refine import prepare_image
 from slam.frontend.support import surface_image
 from slam.frontend.surface import carried
-from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.matches import LineMatches, PointMatches, join, no_lines, take
+from slam.matches import no_lines, take
+from slam.systems.judgement import Solved, Tracked, judged, lost, points_in_camera_a
+from slam.systems.matched import Matched
 from slam.systems.stopwatch import Stopwatch
 from slam.types import FlowField, Frame, Intrinsics
 
@@ -39,61 +38,6 @@ if TYPE_CHECKING:
     from slam.systems.features import FeatureTracker
 
 _KINDS = 4
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectMotion:
-    """One object between two frames, still in the previous camera."""
-
-    label: int                 # in the current frame
-    relative: Array            # (4, 4) its motion against the static world, in camera a
-    information: Array         # (6, 6) of its pose T_a_b
-    points_a: Array            # (N, 3) m, in camera a
-    rigidity: float
-    inliers: int
-    sharing: float             # by how much the information is too bold: windows that overlap
-
-
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """All motions between two frames, and the features that followed them."""
-
-    T_a_b: Array                         # (4, 4) the camera's
-    information: Array                   # (6, 6)
-    objects: tuple[ObjectMotion, ...]
-    left_out: tuple[tuple[int, str], ...]   # mask label now, why it has no motion
-    point_index: Array                   # (P,) features of the previous frame that live on
-    point_uv: Array                      # (P, 2)
-    line_index: Array                    # (L,)
-    line_endpoints: Array                # (L, 2, 2)
-    inlier_points: int
-    inlier_lines: int
-    lost_because: str = ""
-    sharing: float = 1.0                 # as ObjectMotion's, of the camera
-
-
-@dataclass(frozen=True)
-class _Matched:
-    """Everything that goes into the solver, and which feature tracks it came from."""
-
-    grid: PointMatches
-    corners: PointMatches
-    slopes: Array              # (N, 2) of the corners' inverse depth, 1/m/px
-    corner_index: Array
-    lines: LineMatches
-    line_index: Array
-
-    @cached_property
-    def every(self) -> PointMatches:
-        """The cells, then the corners."""
-        return join(self.grid, self.corners)
-
-    def points(self, parked: Array) -> PointMatches:
-        """All points; those of parked groups count for the static world too."""
-        if len(parked) == 0:
-            return self.every
-        still = take(self.every, np.isin(self.every.group, parked))
-        return join(self.every, replace(still, group=np.zeros_like(still.group)))
 
 
 class MotionStage:
@@ -138,16 +82,20 @@ class MotionStage:
         starts, why = self._starts(matched, expected, parked)
         clock.lap("start")
         if 0 in why:
-            return _lost(why[0])
-        matched = _without(matched, np.array(sorted(why), dtype=np.int64))
+            return lost(why[0])
+        matched = matched.without(np.array(sorted(why), dtype=np.int64))
         motions, matched, parked = self._solve(a, b, matched, starts, parked, image_flow, clock)
         if self.config.noise.learn_depth_offset:
             more, sigma = motions.depth_offset
             self.depth_offset = self.depth_offset.observed(self.depth_offset.value + more, sigma)
-        return self._tracked(matched, motions, labels_b, why, parked, image_flow)
+        on_images = image_flow and self._aligns(image_flow)
+        solved = Solved(matched, motions, labels_b, parked, on_images,
+                        self._sharing(matched, len(starts), on_images),
+                        float(self.scales.flow[OBJECT_GRID_KIND]))
+        return judged(solved, why, self.intrinsics, self.config)
 
     def _match(self, a: Observation, b: Observation, flow: FlowField, group_of_a: dict[int, int],
-               group_b: Array, features: FeatureTracker, image_flow: bool) -> _Matched:
+               group_b: Array, features: FeatureTracker, image_flow: bool) -> Matched:
         config = self.config
         noise = config.noise
         grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise,
@@ -171,9 +119,9 @@ class MotionStage:
                 features.segments, _groups_of(features.segments.instance_id, group_of_a), flow,
                 a.label_index, group_b, noise)
             lines = replace(lines, rho_a=lines.rho_a + self.depth_offset.value)
-        return _Matched(grid, corners, slopes, corner_index, lines, line_index)
+        return Matched(grid, corners, slopes, corner_index, lines, line_index)
 
-    def _starts(self, matched: _Matched, expected: list[Array],
+    def _starts(self, matched: Matched, expected: list[Array],
                 parked: Array) -> tuple[Array, dict[int, str]]:
         """Where each group's refinement starts, and the groups that have too little to start."""
         points = matched.every
@@ -196,9 +144,9 @@ class MotionStage:
                 starts[group] = found
         return starts, why
 
-    def _solve(self, a: Observation, b: Observation, matched: _Matched, starts: Array,
+    def _solve(self, a: Observation, b: Observation, matched: Matched, starts: Array,
                parked: Array, image_flow: bool, clock: Stopwatch
-               ) -> tuple[Motions, _Matched, Array]:
+               ) -> tuple[Motions, Matched, Array]:
         """The motions, the matches they rest on, and the parked groups that went on standing."""
         config = self.config
         align = self._aligns(image_flow)
@@ -215,7 +163,7 @@ class MotionStage:
         clock.lap("motion")
         return motions, matched, parked
 
-    def _standing(self, matched: _Matched, rough: Motions, parked: Array, dt_s: float) -> Array:
+    def _standing(self, matched: Matched, rough: Motions, parked: Array, dt_s: float) -> Array:
         """The parked groups that go on standing, by motions that they had no share in.
 
         A thing that sets off would else pull the camera along, and then seem to stand.
@@ -223,20 +171,16 @@ class MotionStage:
         every = matched.every
         moved = moving(rough.T_a_b[0] @ se3.inverse(rough.T_a_b[parked]), rough.information[0],
                        rough.information[parked],
-                       [self._points_a(every, every.group == group) for group in parked],
+                       [points_in_camera_a(self.intrinsics, every, every.group == group)
+                        for group in parked],
                        max(dt_s, 1e-6), self.config.dynamic)
         return np.asarray(parked[moved == 0])
-
-    def _points_a(self, matches: PointMatches, index: Array) -> Array:
-        """(N, 3) m, in camera a."""
-        return np.asarray(pinhole.back_project(self.intrinsics, matches.uv_a[index],
-                                               1.0 / np.maximum(matches.rho_a[index], 1e-6)))
 
     def _aligns(self, image_flow: bool) -> bool:
         use = self.config.refine.use
         return use == "always" or (use == "auto" and image_flow)
 
-    def _refine(self, matched: _Matched, starts: Array, parked: Array, config: MotionConfig,
+    def _refine(self, matched: Matched, starts: Array, parked: Array, config: MotionConfig,
                 remember: bool) -> Motions:
         points = matched.points(parked)
         motions = refine_motions(starts, points, matched.lines, self.intrinsics, config,
@@ -253,8 +197,8 @@ class MotionStage:
                 keep * self.scales.depth + (1 - keep) * motions.depth_scale)
         return motions
 
-    def _aligned(self, a: Observation, b: Observation, matched: _Matched, rough: Motions,
-                 image_flow: bool) -> _Matched:
+    def _aligned(self, a: Observation, b: Observation, matched: Matched, rough: Motions,
+                 image_flow: bool) -> Matched:
         smooth_a, smooth_b = self.smoothed(a), self.smoothed(b)
         T_b_a = se3.inverse(rough.T_a_b)
         corners = matched.corners
@@ -278,8 +222,14 @@ class MotionStage:
             # enough, cells would only pull.
             enough = np.bincount(aligned.group, minlength=len(T_b_a)) >= self.config.refine.enough
             grid = take(grid, ~enough[grid.group])
-        return _Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
+        return Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
                         lines, line_index)
+
+    def _sharing(self, matched: Matched, groups: int, on_images: bool) -> Array:
+        if not on_images:
+            return np.ones(groups)
+        return np.asarray(sharing(matched.corners.uv_a, matched.corners.group, groups,
+                                  2.0 * self._align.radius_px + 1.0))
 
     def _carried(self, uv_a: Array, rho_a: Array, slopes: Array, T_b_a: Array
                  ) -> tuple[Array, Array]:
@@ -308,77 +258,10 @@ class MotionStage:
                 return image
         return surface_image(observation.frame.depth_m, observation.label_index)
 
-    def _tracked(self, matched: _Matched, motions: Motions, labels_b: list[int],
-                 why: dict[int, str], parked: Array, image_flow: bool) -> Tracked:
-        gate = self.config.motion.point_gate
-        own = matched.every
-        chi = motions.point_chi[: len(own)]
-        good = chi < gate
-        static = np.isin(own.group, [0, *parked])
-        share = float(np.mean(good[static])) if static.any() else 0.0
-        if share < self.config.start.min_inlier_share:
-            return _lost(f"{share:.0%} of the static matches follow one motion")
-        lines_good = np.flatnonzero(motions.line_chi < self.config.motion.line_gate)
-        still_lines = int(np.count_nonzero(matched.lines.group[lines_good] == 0))
-        if image_flow and self._aligns(image_flow):
-            # Flow estimated on an image without texture is the prediction, handed back.
-            corners_found = int(np.count_nonzero(static & good & (own.kind == REFINED_KIND)))
-            if corners_found + 2 * still_lines < self.config.start.min_points:
-                return _lost(f"{corners_found} corners and {still_lines} lines were found again")
-        shared = np.ones(len(motions.T_a_b))
-        if image_flow and self._aligns(image_flow):
-            shared = sharing(matched.corners.uv_a, matched.corners.group, len(shared),
-                             2.0 * self._align.radius_px + 1.0)
-        objects = []
-        for group, label in enumerate(labels_b, start=1):
-            if group in why:
-                continue
-            members = own.group == group
-            share = float(np.mean(good[members])) if members.any() else 0.0
-            if share < self.config.dynamic.min_inlier_share:
-                why[group] = f"{share:.0%} of its matches follow one motion"
-                continue
-            aligned = int(np.count_nonzero(members & good & (own.kind == REFINED_KIND)))
-            needed = self.config.dynamic.min_matches
-            if image_flow and self._aligns(image_flow) and aligned < needed:
-                why[group] = f"{aligned} of its corners could be aligned"
-                continue
-            sigma = float(_rotation_sigma(motions.information[group]))
-            if sigma > self.config.dynamic.max_rotation_sigma:
-                why[group] = f"its rotation is known to {np.degrees(sigma):.1f}° only"
-                continue
-            objects.append(self._object(group, label, own, good, chi, motions,
-                                        float(shared[group])))
-        corners = slice(len(matched.grid), len(own))
-        alive = np.flatnonzero(good[corners])
-        return Tracked(
-            motions.T_a_b[0], motions.information[0], tuple(objects),
-            tuple((labels_b[g - 1], reason) for g, reason in sorted(why.items())),
-            matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
-            matched.line_index[lines_good], motions.refined_endpoints_b[lines_good],
-            int(np.count_nonzero(good & static)), still_lines, sharing=float(shared[0]))
-
-    def _object(self, group: int, label: int, own: PointMatches, good: Array, chi: Array,
-                motions: Motions, shared: float) -> ObjectMotion:
-        members = np.flatnonzero(own.group == group)
-        points = self._points_a(own, members)
-        # Against the static world's noise: an object that bends is not excused by its own.
-        excess = motions.flow_scale[group, OBJECT_GRID_KIND] / self.scales.flow[OBJECT_GRID_KIND]
-        rigid = chi[members] * max(1.0, float(excess)) < self.config.motion.point_gate
-        return ObjectMotion(label, motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
-                            motions.information[group], points[good[members]],
-                            float(np.mean(rigid)), int(np.count_nonzero(good[members])), shared)
-
 
 def _belief_in_rotation(information: Array) -> Array:
     """(G,) between 0 and 1: how small a rotation's uncertainty is against 0.02 rad."""
-    return np.asarray(1.0 / (1.0 + (_rotation_sigma(information) / 0.02) ** 2))
-
-
-def _rotation_sigma(information: Array) -> Array:
-    """(...) rad: standard deviation of a rotation, over all axes, by information (..., 6, 6)."""
-    variance = np.linalg.inv(information + np.eye(6) * 1e-6)
-    return np.asarray(np.sqrt(np.trace(variance[..., :3, :3], axis1=-2, axis2=-1)))
+    return np.asarray(1.0 / (1.0 + (rotation_sigma(information) / 0.02) ** 2))
 
 
 def _groups_of(labels: Array, group_of_label: dict[int, int]) -> Array:
@@ -387,20 +270,3 @@ def _groups_of(labels: Array, group_of_label: dict[int, int]) -> Array:
     for label, g in group_of_label.items():
         group[labels == label] = g
     return group
-
-
-def _without(matched: _Matched, groups: Array) -> _Matched:
-    if len(groups) == 0:
-        return matched
-    corners = np.flatnonzero(~np.isin(matched.corners.group, groups))
-    lines = np.flatnonzero(~np.isin(matched.lines.group, groups))
-    return _Matched(take(matched.grid, ~np.isin(matched.grid.group, groups)),
-                    take(matched.corners, corners), matched.slopes[corners],
-                    matched.corner_index[corners],
-                    take(matched.lines, lines), matched.line_index[lines])
-
-
-def _lost(reason: str) -> Tracked:
-    none = np.zeros(0, np.int64)
-    return Tracked(np.eye(4), np.zeros((6, 6)), (), (), none, np.zeros((0, 2)), none,
-                   np.zeros((0, 2, 2)), 0, 0, reason)

@@ -20,7 +20,8 @@ from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.systems.features import Detected, FeatureTracker, detect
 from slam.systems.history import History
-from slam.systems.motion_stage import MotionStage, Tracked
+from slam.systems.judgement import Tracked
+from slam.systems.motion_stage import MotionStage
 from slam.systems.stopwatch import Stopwatch
 from slam.types import FlowField, Frame, FrameEstimate, Intrinsics, SlamResult, Status
 

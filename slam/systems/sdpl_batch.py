@@ -21,7 +21,8 @@ from slam.frontend.observe import Observation
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.map import STATIC, MapRecord
-from slam.systems.motion_stage import MotionStage, Tracked
+from slam.systems.judgement import Tracked
+from slam.systems.motion_stage import MotionStage
 from slam.systems.sdpl import SdplSlam
 from slam.types import Frame, FrameEstimate, Intrinsics, Segments2D, SlamResult, Status
 
