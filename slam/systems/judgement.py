@@ -50,7 +50,7 @@ class Tracked:
     sharing: float = 1.0                 # as ObjectMotion's, of the camera
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Solved:
     """What the solver found, and what it rests on."""
 
@@ -79,14 +79,12 @@ def judged(solved: Solved, why: dict[int, str], intrinsics: Intrinsics,
     if reason:
         return lost(reason)
     why, objects = dict(why), []
-    for group, label in enumerate(solved.labels, start=1):
-        members = own.group == group
-        reason = why.get(group) or _object_unknown(solved, group, members & good, members, config)
+    for group in range(1, len(solved.labels) + 1):
+        reason = why.get(group) or _object_unknown(solved, group, good, config)
         if reason:
             why[group] = reason
         else:
-            objects.append(_object(solved, group, label, members, good, intrinsics,
-                                   config.motion.point_gate))
+            objects.append(_object(solved, group, good, intrinsics, config.motion.point_gate))
     corners = slice(len(solved.matched.grid), len(own))
     alive = np.flatnonzero(good[corners])
     return Tracked(
@@ -123,13 +121,14 @@ def _camera_unknown(solved: Solved, good: Array, static: Array, still_lines: int
     return ""
 
 
-def _object_unknown(solved: Solved, group: int, followers: Array, members: Array,
-                    config: SdplConfig) -> str:
-    share = float(np.mean(followers[members])) if members.any() else 0.0
+def _object_unknown(solved: Solved, group: int, good: Array, config: SdplConfig) -> str:
+    members = solved.matched.every.group == group
+    share = float(np.mean(good[members])) if members.any() else 0.0
     if share < config.dynamic.min_inlier_share:
         return f"{share:.0%} of its matches follow one motion"
-    if solved.on_images and (found := _aligned(solved, followers)) < config.dynamic.min_matches:
-        return f"{found} of its corners could be aligned"
+    aligned = _aligned(solved, members & good)
+    if solved.on_images and aligned < config.dynamic.min_matches:
+        return f"{aligned} of its corners could be aligned"
     sigma = float(rotation_sigma(solved.motions.information[group]))
     if sigma > config.dynamic.max_rotation_sigma:
         return f"its rotation is known to {np.degrees(sigma):.1f}° only"
@@ -140,14 +139,16 @@ def _aligned(solved: Solved, chosen: Array) -> int:
     return int(np.count_nonzero(chosen & (solved.matched.every.kind == REFINED_KIND)))
 
 
-def _object(solved: Solved, group: int, label: int, members: Array, good: Array,
-            intrinsics: Intrinsics, gate: float) -> ObjectMotion:
+def _object(solved: Solved, group: int, good: Array, intrinsics: Intrinsics,
+            gate: float) -> ObjectMotion:
     own, motions = solved.matched.every, solved.motions
+    members = own.group == group
     # Against the static world's noise: an object that bends is not excused by its own.
     excess = motions.flow_scale[group, OBJECT_GRID_KIND] / solved.object_flow_scale
     rigid = motions.point_chi[: len(own)][members] * max(1.0, float(excess)) < gate
     followers = np.flatnonzero(members & good)
-    return ObjectMotion(label, motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
+    return ObjectMotion(solved.labels[group - 1],
+                        motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
                         motions.information[group],
                         points_in_camera_a(intrinsics, own, followers),
                         float(np.mean(rigid)), len(followers), float(solved.sharing[group]))

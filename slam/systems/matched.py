@@ -13,6 +13,8 @@ from slam.matches import LineMatches, PointMatches, join, take
 
 @dataclass(frozen=True)
 class Matched:
+    """Correspondences of all groups: cells of the grid, corners and lines."""
+
     grid: PointMatches
     corners: PointMatches
     slopes: Array              # (N, 2) of the corners' inverse depth, 1/m/px

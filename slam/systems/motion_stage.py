@@ -223,9 +223,10 @@ class MotionStage:
             enough = np.bincount(aligned.group, minlength=len(T_b_a)) >= self.config.refine.enough
             grid = take(grid, ~enough[grid.group])
         return Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
-                        lines, line_index)
+                       lines, line_index)
 
     def _sharing(self, matched: Matched, groups: int, on_images: bool) -> Array:
+        """(G,) by how much each group's aligned corners claim too much."""
         if not on_images:
             return np.ones(groups)
         return np.asarray(sharing(matched.corners.uv_a, matched.corners.group, groups,
