@@ -27,8 +27,8 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
-    suspected: bool = True           # whether it moved when last judged, beyond doubt or not
-    suspected_s: float = -np.inf     # when that was last so
+    suspected: bool = False          # whether it moved when last judged, beyond doubt or not
+    suspected_s: float = -np.inf     # when it was last not seen to stand
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took
     velocity: BodyVelocity | None = None   # all its motions up to the last one say
@@ -131,7 +131,7 @@ class ObjectTable:
                     or stamp_s - state.moved_s <= self.config.stay_dynamic_s)
         moved_s = stamp_s if moved > 0 and believed else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
-        suspected_s = stamp_s if moved > 0 else state.suspected_s
+        suspected_s = state.suspected_s if moved == 0 else stamp_s
         still_s = stamp_s - max(state.first_s, suspected_s)
         velocity_m_s = state.velocity_m_s
         if H_world is not None and state.place_world is not None:

@@ -1,59 +1,122 @@
-"""Which objects move: their points' scene flow in all three coordinates, per second (III-C)."""
+"""Which objects move: their points' scene flow in all three coordinates, per second (III-C).
+
+Estimated depth is smooth: a thing's pixels are all too near or too far, by an error that changes
+over the thing and lasts from frame to frame. A camera that drives past then sees what stands move
+along its epipolar lines, and grow or shrink. So what an error of depth explains is no motion:
+across the ray, what lies on the point's epipolar line within `static_inverse_depth_error`; along
+it, what the measured depths do not confirm, and their common error of one frame.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from slam.config import DynamicConfig
+from slam.geometry import se3
 from slam.geometry.arrays import Array
 
 _POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
 _BEYOND_DOUBT = 1.5    # times the limit: six standard deviations
+_HIDES = 4.0           # times the threshold, noise is too large to tell that a thing stands
+_JUMP = 3.0            # times their common error, the depths of a small far thing jump now and then
 
 
-def moving(relative: Array, information_static: Array, information_objects: Array,
-           points_a: Sequence[Array], dt_s: float, config: DynamicConfig,
+class Followers(NamedTuple):
+    """The points of one object that follow its motion from frame a to b."""
+
+    xyz_a: Array     # (N, 3) m, in camera a
+    rho_b: Array     # (N,) 1/m, as measured in b; nan where it was not
+
+
+def moving(T_a_b: Array, relative: Array, information_static: Array, information_objects: Array,
+           followers: Sequence[Followers], dt_s: float, config: DynamicConfig,
            moved_before: Array | None = None) -> Array:
     """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 beyond
-    doubt.
+    doubt, −1 not to be told, for the noise would hide it.
 
     The scene flow is that of the object's own motion (eq. 4), `relative` p − p: the scene flow of
     single measured points is mostly depth noise, that of the motion which fits them all is not.
 
     Args:
+        T_a_b: (4, 4) the static world's pose.
         relative: (G, 4, 4) motions of the objects against the static world, in camera a.
-        information_static: (6, 6) of the static world's pose T_a_b.
-        information_objects: (G, 6, 6) of the objects'.
-        points_a: of each object (N, 3), its points in camera a, m.
+        information_static: (6, 6) of T_a_b.
+        information_objects: (G, 6, 6) of the objects' poses.
         moved_before: (G,) objects known to move need to stand out less to go on moving.
     """
-    sample = [points[:: max(1, len(points) // _POINTS)] for points in points_a]
+    sample = [f.xyz_a[:: max(1, len(f.xyz_a) // _POINTS)] for f in followers]
     count = np.array([len(points) for points in sample], dtype=np.int64)
     if count.sum() == 0:
         return np.zeros(len(count), np.int64)
     of = np.repeat(np.arange(len(count)), count)
     points = np.concatenate(sample)
-    flow_m = np.einsum("nij,nj->ni", relative[of, :3, :3], points) + relative[of, :3, 3] - points
-    speed = np.linalg.norm(_beyond_depth_error(flow_m, points, config), axis=1) / dt_s
+    carried = np.einsum("nij,nj->ni", relative[of, :3, :3], points) + relative[of, :3, 3]
+    T_b_a = se3.inverse(T_a_b)
+    across_m = _off_epipolar_line(T_b_a, points, carried, config.static_inverse_depth_error)
+    along_m = _confirmed(points, carried, _depth_changes(T_b_a, followers)[of])
     threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points[:, 2]
     if moved_before is not None:
         threshold = np.where(moved_before[of], _HYSTERESIS, 1.0) * threshold
     every = np.concatenate([information_static[None], information_objects])
     noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
-    excess = speed / np.maximum(threshold, config.significance * noise / dt_s)
-    return np.sum([np.bincount(of, excess > limit, len(count)) > config.moving_share * count
-                   for limit in (1.0, _BEYOND_DOUBT)], axis=0)
+    limit_m = np.maximum(threshold * dt_s, config.significance * noise)
+    error_m = config.common_inverse_depth_error * points[:, 2] ** 2
+    level = np.zeros(len(count), np.int64)
+    for times, jump in ((1.0, 1.0), (_BEYOND_DOUBT, _JUMP)):
+        moved_m = np.hypot(across_m, np.maximum(along_m - jump * error_m, 0.0))
+        level += (np.bincount(of, moved_m > times * limit_m, len(count))
+                  > config.moving_share * count)
+    hidden = np.bincount(of, limit_m > _HIDES * threshold * dt_s, len(count)) > 0.5 * count
+    return np.where((level == 0) & hidden, -1, level)
 
 
-def _beyond_depth_error(flow_m: Array, points_a: Array, config: DynamicConfig) -> Array:
-    """The scene flow less what a common error of the object's depths would give along the ray."""
+def _off_epipolar_line(T_b_a: Array, points_a: Array, carried_a: Array,
+                       inverse_depth_error: float) -> Array:
+    """How far (N,) m across the ray `carried_a` is seen from where its point might stand.
+
+    A standing point whose inverse depth is wrong by δ is seen in b at x + g δ, on its epipolar
+    line; the δ within bounds that comes nearest counts.
+    """
+    stands, moves = (se3.transform_points(T_b_a, p) for p in (points_a, carried_a))
+    depth = np.maximum(stands[:, 2], 1e-6)
+    x = stands[:, :2] / depth[:, None]
+    t = T_b_a[:3, 3]
+    g = (t[:2] - x * t[2]) * (points_a[:, 2] / depth)[:, None]
+    gap = moves[:, :2] / np.maximum(moves[:, 2:], 1e-6) - x
+    wanted = np.sum(gap * g, axis=1) / np.maximum(np.sum(g**2, axis=1), 1e-12)
+    allowed = np.clip(wanted, -inverse_depth_error, inverse_depth_error)
+    return np.asarray(np.linalg.norm(gap - g * allowed[:, None], axis=1) * depth)
+
+
+def _depth_changes(T_b_a: Array, followers: Sequence[Followers]) -> Array:
+    """By how much (G,) objects' inverse depths are seen to change, 1/m, beside standing.
+
+    nan where no depth is known in b.
+    """
+    changes = np.full(len(followers), np.nan)
+    for g, f in enumerate(followers):
+        known = np.isfinite(f.rho_b)
+        if known.any():
+            depth = se3.transform_points(T_b_a, f.xyz_a[known])[:, 2]
+            changes[g] = np.median(f.rho_b[known] - 1.0 / np.maximum(depth, 1e-6))
+    return changes
+
+
+def _confirmed(points_a: Array, carried_a: Array, rho_change: Array) -> Array:
+    """The scene flow's size (N,) m along the ray, so far as the measured depths say the same.
+
+    Args:
+        rho_change: (N,) 1/m of the object that each point is of, as measured; nan is no objection.
+    """
     rays = points_a / np.maximum(np.linalg.norm(points_a, axis=1, keepdims=True), 1e-9)
-    along = np.sum(flow_m * rays, axis=1)
-    allowed = config.common_inverse_depth_error * points_a[:, 2] ** 2
-    return flow_m - np.clip(along, -allowed, allowed)[:, None] * rays
+    along = np.sum((carried_a - points_a) * rays, axis=1)
+    measured = -rho_change * points_a[:, 2] ** 2
+    return np.where(np.isnan(measured), np.abs(along),
+                    np.clip(measured * np.sign(along), 0.0, np.abs(along)))
 
 
 def _speed_sigma(information: Array, points: Array, of: Array) -> Array:

@@ -140,8 +140,8 @@ def _object_estimates(tracked: Tracked, T_world_a: Array, of_camera: Array
     H_world = se3.orthonormalised(T_world_a @ relative @ se3.inverse(T_world_a))
     covariance = object_covariance(T_world_a, se3.inverse(relative) @ tracked.T_a_b, of_camera,
                                    covariance_of(of_body))
-    centroid_a = np.array([f.points_a.mean(axis=0) if len(f.points_a) else np.zeros(3)
-                           for f in found]).reshape(-1, 3)
+    centroid_a = np.array([xyz.mean(axis=0) if len(xyz) else np.zeros(3)
+                           for xyz in (f.followers.xyz_a for f in found)]).reshape(-1, 3)
     centroid = se3.transform_points(T_world_a, centroid_a)
     return [ObjectEstimate(H_world[i], centroid[i], f.label, f.rigidity, f.inliers,
                            known_or_none(covariance[i])) for i, f in enumerate(found)]
@@ -173,7 +173,7 @@ def _smoothed(estimates: list[ObjectEstimate], states: list[ObjectState], before
 def _moving(tracked: Tracked, states: list[ObjectState], dt_s: float, config: SdplConfig) -> Array:
     """(G,) whether the objects move, as `moving` says it."""
     found = tracked.objects
-    return moving(np.array([f.relative for f in found]).reshape(-1, 4, 4), tracked.information,
-                  np.array([f.information for f in found]).reshape(-1, 6, 6),
-                  [f.points_a for f in found], dt_s, config.dynamic,
+    return moving(tracked.T_a_b, np.array([f.relative for f in found]).reshape(-1, 4, 4),
+                  tracked.information, np.array([f.information for f in found]).reshape(-1, 6, 6),
+                  [f.followers for f in found], dt_s, config.dynamic,
                   np.array([np.isfinite(s.moved_s) for s in states], dtype=np.bool_))

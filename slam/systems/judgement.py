@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.config import SdplConfig
+from slam.dynamics.scene_flow import Followers
 from slam.estimation.covariance import rotation_sigma
 from slam.estimation.motion import Motions
 from slam.frontend.follow import REFINED_KIND
@@ -26,7 +27,7 @@ class ObjectMotion:
     label: int                 # in the current frame
     relative: Array            # (4, 4) its motion against the static world, in camera a
     information: Array         # (6, 6) of its pose T_a_b
-    points_a: Array            # (N, 3) m, in camera a
+    followers: Followers
     rigidity: float
     inliers: int
     sharing: float             # by how much the information is too bold: windows that overlap
@@ -102,10 +103,12 @@ def lost(reason: str) -> Tracked:
                    np.zeros((0, 2, 2)), 0, 0, reason)
 
 
-def points_in_camera_a(intrinsics: Intrinsics, matches: PointMatches, index: Array) -> Array:
-    """(N, 3) m of the matches that `index` picks."""
-    return np.asarray(pinhole.back_project(intrinsics, matches.uv_a[index],
-                                           1.0 / np.maximum(matches.rho_a[index], 1e-6)))
+def followers_of(intrinsics: Intrinsics, matches: PointMatches, index: Array) -> Followers:
+    """The points of the matches that `index` picks."""
+    xyz_a = pinhole.back_project(intrinsics, matches.uv_a[index],
+                                 1.0 / np.maximum(matches.rho_a[index], 1e-6))
+    return Followers(np.asarray(xyz_a), np.where(np.isfinite(matches.rho_sigma_b[index]),
+                                                 matches.rho_b[index], np.nan))
 
 
 def _camera_unknown(solved: Solved, good: Array, static: Array, still_lines: int,
@@ -150,5 +153,5 @@ def _object(solved: Solved, group: int, good: Array, intrinsics: Intrinsics,
     return ObjectMotion(solved.labels[group - 1],
                         motions.T_a_b[0] @ se3.inverse(motions.T_a_b[group]),
                         motions.information[group],
-                        points_in_camera_a(intrinsics, own, followers),
+                        followers_of(intrinsics, own, followers),
                         float(np.mean(rigid)), len(followers), float(solved.sharing[group]))

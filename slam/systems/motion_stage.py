@@ -29,7 +29,7 @@ from slam.frontend.surface import carried
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import no_lines, take
-from slam.systems.judgement import Solved, Tracked, judged, lost, points_in_camera_a
+from slam.systems.judgement import Solved, Tracked, followers_of, judged, lost
 from slam.systems.matched import Matched
 from slam.systems.stopwatch import Stopwatch
 from slam.types import FlowField, Frame, Intrinsics
@@ -169,12 +169,13 @@ class MotionStage:
         A thing that sets off would else pull the camera along, and then seem to stand.
         """
         every = matched.every
-        moved = moving(rough.T_a_b[0] @ se3.inverse(rough.T_a_b[parked]), rough.information[0],
-                       rough.information[parked],
-                       [points_in_camera_a(self.intrinsics, every, every.group == group)
+        static = rough.T_a_b[0]
+        moved = moving(static, static @ se3.inverse(rough.T_a_b[parked]),
+                       rough.information[0], rough.information[parked],
+                       [followers_of(self.intrinsics, every, every.group == group)
                         for group in parked],
                        max(dt_s, 1e-6), self.config.dynamic)
-        return np.asarray(parked[moved == 0])
+        return np.asarray(parked[moved <= 0])
 
     def _aligns(self, image_flow: bool) -> bool:
         use = self.config.refine.use

@@ -87,6 +87,7 @@ def test_nothing_is_expected_of_the_unknown_and_the_parked():
     objects.judged(track, 0, 9.0, H, 1.0)
     assert_allclose(objects.predicted_relative(track, np.eye(4), 1.0), np.eye(4))
 
+
 def test_what_moves_within_doubt_must_do_so_twice():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
@@ -95,10 +96,20 @@ def test_what_moves_within_doubt_must_do_so_twice():
     assert objects.judged(track, 1, 0.5, H, 0.1)
 
 
-def test_a_new_thing_is_believed_to_move_at_once():
+def test_a_new_thing_that_moves_within_doubt_is_believed_the_second_time():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert objects.judged(track, 1, 0.1, H, 0.1)
+    assert not objects.judged(track, 1, 0.1, H, 0.1)
+    assert objects.judged(track, 1, 0.2, H, 0.1)
+
+
+def test_what_cannot_be_told_to_stand_is_not_parked():
+    objects = table(parked_after_s=0.3, forget_s=10.0)
+    track = objects.relabel({}, [1], -np.inf, 0.0)[1]
+    for stamp_s, moved, parked in ((0.1, 0, False), (0.4, -1, False), (0.6, 0, False),
+                                   (0.8, 0, True)):
+        assert not objects.judged(track, moved, stamp_s, H, 0.1)
+        assert objects.states[track].parked == parked
 
 
 def test_a_jump_beyond_doubt_is_believed_at_once_and_doubtful_motion_keeps_it_moving():

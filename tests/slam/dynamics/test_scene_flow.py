@@ -4,22 +4,33 @@ import numpy as np
 import pytest
 
 from slam.config import DynamicConfig
-from slam.dynamics.scene_flow import _speed_sigma, moving
+from slam.dynamics.scene_flow import Followers, _speed_sigma, moving
 from slam.geometry import se3
 
-CONFIG = DynamicConfig(static_share_of_distance=0.0, common_inverse_depth_error=0.0)
+CONFIG = DynamicConfig(static_share_of_distance=0.0, common_inverse_depth_error=0.0,
+                       static_inverse_depth_error=0.0)
+STILL = np.eye(4)                # the camera's step
 SURE = np.eye(6) * 1e12          # information of poses known perfectly
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 4.0], [0.5, 0.5, 5.0], (50, 3))
 
 
-def moves(relative, static, own, points, dt_s, config, moved_before=False):
+def followers(points, rho_b=None):
+    return Followers(points, np.full(len(points), np.nan) if rho_b is None else rho_b)
+
+
+def moves(relative, static, own, points, dt_s, config, moved_before=False, T_a_b=STILL,
+          rho_b=None):
     """The answer for one object; beside others that stand it is the same."""
-    alone = moving(relative[None], static, own[None], [points], dt_s, config,
+    seen = followers(points, rho_b)
+    alone = moving(T_a_b, relative[None], static, own[None], [seen], dt_s, config,
                    np.array([moved_before]))
-    among = moving(np.stack([np.eye(4), relative, np.eye(4)]), static,
-                   np.stack([SURE, own, SURE]), [POINTS, points, POINTS[:7]], dt_s, config,
+    among = moving(T_a_b, np.stack([np.eye(4), relative, np.eye(4)]), static,
+                   np.stack([SURE, own, SURE]),
+                   [followers(POINTS), seen, followers(POINTS[:7])], dt_s, config,
                    np.array([True, moved_before, False]))
-    assert among.tolist() == [False, alone[0], False]
+    assert among[1] == alone[0]
+    if static is SURE:
+        assert among[[0, 2]].tolist() == [0, 0]
     return alone[0]
 
 
@@ -47,7 +58,7 @@ def test_motion_within_the_noise_of_either_pose_is_none():
     unsure = np.diag(np.r_[np.full(3, 1e12), np.full(3, 1 / sigma_m**2)])
     small, large = shift(2, 2.0 * sigma_m), shift(2, 6.0 * sigma_m)
     for static, own in ((unsure, SURE), (SURE, unsure)):
-        assert not moves(small, static, own, POINTS, 0.1, CONFIG)
+        assert moves(small, static, own, POINTS, 0.1, CONFIG) <= 0
         assert moves(large, static, own, POINTS, 0.1, CONFIG)
     assert moves(small, SURE, SURE, POINTS, 0.1, CONFIG)
 
@@ -55,7 +66,7 @@ def test_motion_within_the_noise_of_either_pose_is_none():
 def test_noise_of_rotation_counts_by_the_distance():
     loose = np.diag(np.r_[np.full(3, 1 / 0.01**2), np.full(3, 1e12)])   # 4.5 cm at 4.5 m
     motion = shift(0, 0.08)
-    assert not moves(motion, loose, SURE, POINTS, 0.1, CONFIG)
+    assert moves(motion, loose, SURE, POINTS, 0.1, CONFIG) <= 0
     assert moves(motion, loose, SURE, POINTS * 0.1, 0.1, CONFIG)
 
 
@@ -67,7 +78,7 @@ def test_what_is_known_to_move_needs_less_to_go_on():
 
 def test_no_points_and_no_information_are_no_motion():
     assert not moves(shift(0, 1.0), SURE, SURE, np.zeros((0, 3)), 0.1, CONFIG)
-    assert not moves(shift(0, 1.0), np.zeros((6, 6)), SURE, POINTS, 0.1, CONFIG)
+    assert moves(shift(0, 1.0), np.zeros((6, 6)), SURE, POINTS, 0.1, CONFIG) == -1
 
 
 def test_far_things_need_to_move_more():
@@ -87,7 +98,7 @@ def test_a_far_thing_whose_depth_alone_changes_does_not_move():
 
 
 def test_no_objects_are_none_that_move():
-    none = moving(np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, CONFIG)
+    none = moving(STILL, np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, CONFIG)
     assert none.shape == (0,)
 
 
@@ -106,3 +117,54 @@ def test_far_above_the_limit_is_beyond_doubt():
     limit = CONFIG.static_scene_flow_m_s * 0.1
     for times, level in ((0.9, 0), (1.1, 1), (1.4, 1), (1.6, 2)):
         assert moves(shift(0, times * limit), SURE, SURE, POINTS, 0.1, CONFIG) == level
+
+
+def test_noise_that_hides_any_motion_is_no_sign_of_standing():
+    unsure = np.eye(6) / 0.05**2
+    assert moves(shift(0, 0.0), SURE, unsure, POINTS, 0.1, CONFIG) == -1
+    assert moves(shift(0, 0.0), SURE, unsure * 1e4, POINTS, 0.1, CONFIG) == 0
+
+
+DRIVE = shift(2, 4.0)            # a camera that drives past
+BESIDE = POINTS + np.array([-15.0, 0.0, 20.0])   # what stands at the roadside
+
+
+def carried_by_wrong_depth(points, error):
+    """What a fit makes of standing points whose inverse depths are too large by `error` (1/m).
+
+    Their pixels say where the true points went; the motion along the ray is free.
+    """
+    rho = 1.0 / points[:, 2]
+    true = points * (rho / (rho - error))[:, None]
+    seen_b = se3.transform_points(se3.inverse(DRIVE), true)
+    wrong_b = seen_b * (1.0 / seen_b[:, 2] + error)[:, None] ** -1 / seen_b[:, 2:]
+    return se3.transform_points(DRIVE, wrong_b).mean(axis=0) - points.mean(axis=0)
+
+
+def test_standing_things_whose_depths_are_wrong_stand():
+    config = DynamicConfig()
+    step = carried_by_wrong_depth(BESIDE, 0.002)
+    seems = se3.from_rotation_translation(np.eye(3), step)
+    assert np.linalg.norm(step) > 1.5 * (config.static_scene_flow_m_s + 0.5) * 0.1
+    rho_b = 1.0 / se3.transform_points(se3.inverse(DRIVE), BESIDE)[:, 2]
+    assert moves(seems, SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE, rho_b=rho_b) == 0
+    # Without a drive past it, no error of depth explains that.
+    assert moves(seems, SURE, SURE, BESIDE, 0.1, config, rho_b=1.0 / BESIDE[:, 2]) > 0
+    # And more than depths can be wrong by, or off the epipolar line, is motion.
+    twice = se3.from_rotation_translation(np.eye(3), 3.0 * step)
+    assert moves(twice, SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE) > 0
+    assert moves(shift(1, 0.2), SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE) == 2
+
+
+def test_motion_along_the_ray_needs_the_measured_depths_to_agree():
+    motion, far = shift(2, 1.0), POINTS * [0.1, 0.1, 1.0] + np.array([0.0, 0.0, 16.0])
+    carried = far[:, 2] + 1.0
+    for seen, level in ((1.0 / carried, 2), (1.0 / far[:, 2], 0), (None, 2)):
+        assert moves(motion, SURE, SURE, far, 0.1, CONFIG, rho_b=seen) == level
+
+
+def test_depths_of_a_far_thing_that_jump_leave_doubt():
+    config, far = DynamicConfig(), POINTS + np.array([0.0, 0.0, 40.0])
+    jump = config.common_inverse_depth_error * far[:, 2].mean() ** 2
+    for times, level in ((0.9, 0), (2.5, 1), (4.0, 2)):
+        assert moves(shift(2, times * jump), SURE, SURE, far, 0.1, config) == level
