@@ -10,7 +10,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import psutil
@@ -87,15 +87,19 @@ def _scored(sequence: Sequence, estimate: Path, out: Path, system: str, log: lis
     if not trajectory.is_file():
         raise BadFile(f"{trajectory}: no such file; the program must write TUM rows there")
     objects = next((estimate / n for n in _OBJECT_FILES if (estimate / n).is_file()), None)
-    return score_to_folder(sequence, trajectory, objects, out, system=system, log=log,
-                           timing=timing)
+    outcome = score_to_folder(sequence, trajectory, objects, out, system=system, log=log,
+                              timing=timing)
+    poses = outcome.frames - outcome.lost
+    if poses < min(2, outcome.frames):
+        return replace(outcome, failure=f"wrote a pose for {poses} of {outcome.frames} frames")
+    return outcome
 
 
 def _lost(sequence: Sequence, out: Path, system: str, log: list[str],
           timing: Mapping[str, float], reason: str) -> Outcome:
     outcome = score_to_folder(sequence, None, None, out, system=system,
                               log=[f"lost: {reason}", *log], timing=timing)
-    return Outcome(outcome.metrics, outcome.log, outcome.frames, outcome.lost, failure=reason)
+    return replace(outcome, failure=reason)
 
 
 def words_of(system: str) -> list[str]:

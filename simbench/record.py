@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,14 +23,22 @@ class RunRecord:
     result: SlamResult | None                     # None: `finish` failed, or gave what it may not
     finish_s: float | None
     log: tuple[str, ...]                          # what went wrong, one entry each
-    unreadable: tuple[str, ...] = ()              # of each frame that could not be read, why
-    faults: tuple[str, ...] = ()                  # of each frame the system failed on, why
+    unreadable: Mapping[int, str] = field(default_factory=dict)   # frames nobody could read: why
     finish_fault: str = ""                        # why `result` is None
 
     @property
-    def failed(self) -> bool:
-        """The system failed on every frame it was given."""
-        return len(self.faults) > 0 and not bool(self.processed.any())
+    def failure(self) -> str:
+        """Why the whole run is lost, or "": the system was given frames and followed none.
+
+        The first frame it is given says nothing: any pose would do there.
+        """
+        given = [e for k, e in enumerate(self.estimates) if k not in self.unreadable]
+        lost = [e for e in given if e.status is Status.LOST]
+        followed = [e for e in given[1:] or given if e.status is not Status.LOST]
+        if followed or not lost:
+            return ""
+        which = "every frame" if len(lost) == len(given) else "every frame after the first"
+        return f"lost {which} (frame {lost[0].index}: {lost[0].reason or 'no reason given'})"
 
     @property
     def one_frame(self) -> Array:

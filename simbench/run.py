@@ -58,8 +58,7 @@ class _Recorder:
     processed: list[bool] = field(default_factory=list)
     ms: list[float] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
-    unreadable: list[str] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
+    unreadable: dict[int, str] = field(default_factory=dict)
 
     def lose(self, k: int, stamp_s: float, reason: str, note: str = "") -> None:
         """Frame k has no estimate; the pose stays where it was."""
@@ -104,7 +103,7 @@ def run(system: System, feed: Feeds, *, progress: Callable[[int], None] | None =
     return RunRecord(stamps_s,
                      tuple(recorder.estimates), tuple(recorder.labels), processed,
                      np.array(recorder.ms), result, finish_s, tuple(recorder.log),
-                     tuple(recorder.unreadable), tuple(recorder.faults), fault)
+                     recorder.unreadable, fault)
 
 
 def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
@@ -113,7 +112,7 @@ def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
     try:
         frame = feed.frame(k)
     except BadFrame as error:
-        recorder.unreadable.append(str(error))
+        recorder.unreadable[k] = str(error)
         recorder.lose(k, stamp_s, str(error))
         return
     started = time.perf_counter()
@@ -122,14 +121,13 @@ def _step(system: System, feed: Feeds, k: int, recorder: _Recorder,
     except UserError:
         raise
     except Exception as error:
-        recorder.faults.append(f"the system raised {type(error).__name__}: {error}")
-        recorder.lose(k, stamp_s, recorder.faults[-1], "\n" + traceback.format_exc())
+        recorder.lose(k, stamp_s, f"the system raised {type(error).__name__}: {error}",
+                      "\n" + traceback.format_exc())
         return
     ms = 1e3 * (time.perf_counter() - started)
     fault = _fault_of(estimate)
     if fault:
-        recorder.faults.append(f"the system returned {fault}")
-        recorder.lose(k, stamp_s, recorder.faults[-1])
+        recorder.lose(k, stamp_s, f"the system returned {fault}")
         return
     recorder.keep(_without_bad_objects(estimate, recorder.log), feed.true_object_of_label(k), ms)
     for observer in observers:

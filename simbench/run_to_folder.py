@@ -72,7 +72,7 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
                          report_html=render_report(content) if report else None,
                          map_ply=_map_of(record))
     return Outcome(metrics, entries, len(feed), int(record.lost.sum()), _warnings(record),
-                   f"failed on every frame, first: {record.faults[0]}" if record.failed else "")
+                   record.failure)
 
 
 def _map_of(record: RunRecord) -> str | None:
@@ -89,7 +89,7 @@ def _warnings(record: RunRecord) -> tuple[str, ...]:
     out = []
     if record.unreadable:
         frames = "1 frame" if len(record.unreadable) == 1 else f"{len(record.unreadable)} frames"
-        out.append(f"{frames} could not be read, first: {record.unreadable[0]}")
+        out.append(f"{frames} could not be read, first: {next(iter(record.unreadable.values()))}")
     if record.finish_fault:
         out.append(record.finish_fault)
     return tuple(out)

@@ -47,7 +47,7 @@ class RunResult:
     """One run as it is handed back."""
 
     key: str
-    status: str                     # done, lost (an answer to no frame), failed (no run at all)
+    status: str                     # done, lost (followed no frame), failed (no run at all)
     reason: str                     # of lost and failed, in one line
     again: bool                     # failed in a way that a second try may mend
     record: dict[str, Any]          # what of it goes into results.json

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -175,13 +176,42 @@ class Handless(PerturbedTruth):
         return None  # type: ignore[return-value]
 
 
-def test_a_system_that_fails_on_every_frame_has_failed():
+def test_a_system_that_fails_on_every_frame_loses_the_run():
     record, _ = scored(Handless(TRUTH), broken=(0,))
-    assert record.failed
-    assert record.unreadable == ("rgb/0.png: truncated; replace it",)
-    assert record.faults[0] == "the system returned NoneType, wanted FrameEstimate"
+    assert record.failure == ("lost every frame (frame 1: the system returned NoneType, wanted "
+                              "FrameEstimate)")
+    assert record.unreadable == {0: "rgb/0.png: truncated; replace it"}
     assert record.finish_fault == "finish: the system returned NoneType, wanted SlamResult"
-    assert not scored(Faulty(TRUTH))[0].failed
+    assert scored(Faulty(TRUTH))[0].failure == ""
+
+
+class LostAfter(PerturbedTruth):
+    """Tracks as many frames as `tracked` says, then none."""
+
+    tracked = 1
+
+    def process(self, frame: Frame) -> FrameEstimate:
+        estimate = super().process(frame)
+        if frame.index < self.tracked:
+            return estimate
+        return replace(estimate, status=Status.LOST, reason="too dark")
+
+
+def test_a_run_is_lost_where_no_frame_after_the_first_is_followed():
+    assert scored(Lost(TRUTH))[0].failure == "lost every frame (frame 0: no features)"
+    assert scored(LostAfter(TRUTH))[0].failure \
+        == "lost every frame after the first (frame 1: too dark)"
+    followed = LostAfter(TRUTH)
+    followed.tracked = 2
+    assert scored(followed)[0].failure == ""
+
+
+def test_frames_that_cannot_be_read_lose_no_run():
+    frames = range(len(TRUTH.stamps_s))
+    assert scored(PerturbedTruth(TRUTH), broken=tuple(frames))[0].failure == ""
+    assert scored(PerturbedTruth(TRUTH), broken=tuple(frames)[1:])[0].failure == ""
+    assert scored(Lost(TRUTH), broken=tuple(frames)[1:])[0].failure \
+        == "lost every frame (frame 0: no features)"
 
 
 def test_a_system_that_never_tracks_has_coverage_zero_and_no_errors():

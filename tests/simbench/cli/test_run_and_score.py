@@ -145,9 +145,19 @@ def test_a_system_that_fails_on_every_frame_ends_with_1(tmp_path, capsys):
     assert main(["run", str(sequence), "--system", f"{broken}:make",
                  "--out", str(tmp_path / "run")]) == 1
     error = capsys.readouterr().err.splitlines()
-    assert "failed on every frame, first: the system returned int" in error[-1]
+    assert "lost every frame (frame 0: the system returned int" in error[-1]
     assert any(x.startswith("WARNING: 1 frame could not be read, first: ") for x in error)
     assert "WARNING: finish: the system returned NoneType, wanted SlamResult" in error
+
+
+def test_a_program_that_poses_one_frame_alone_loses_the_run(tmp_path, capsys):
+    sequence = tum_folder(tmp_path / "tum")
+    program = tmp_path / "one_pose.sh"
+    program.write_text("#!/bin/sh\necho 100.0 0 0 0 0 0 0 1 > $2/trajectory.txt\n")
+    program.chmod(0o755)
+    assert main(["run", str(sequence), "--system", f"command:{program} {{sequence}} {{out}}",
+                 "--out", str(tmp_path / "run")]) == 1
+    assert "wrote a pose for 1 of 4 frames" in capsys.readouterr().err
 
 
 def bad_inputs(tmp_path: Path) -> list[tuple[list[str], str]]:
