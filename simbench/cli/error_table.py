@@ -46,7 +46,9 @@ def print_outcome(outcome: Outcome, out: Path) -> None:
     timing = outcome.metrics.get("timing", {})
     if "ms_per_frame_median" in timing:
         console.print(f"{timing['ms_per_frame_median']:.1f} ms a frame (median), "
-                      f"{timing['ms_per_frame_p95']:.1f} ms at the 95th percentile", markup=False)
+                      f"{timing['ms_per_frame_p95']:.1f} ms at the 95th percentile, "
+                      f"{timing['ms_first_frame']:.1f} ms for the first, which is in neither",
+                      markup=False, soft_wrap=True)
     if outcome.lost:
         console.print(f"{outcome.lost} of {outcome.frames} frames have no pose", markup=False)
     if outcome.log:

@@ -17,18 +17,22 @@ def timing_metrics(ms_per_frame: Array, stages_ms: Sequence[Mapping[str, float]]
     """The `timing` block.
 
     Args:
-        ms_per_frame: (N,) milliseconds inside `process`, of the frames it was given.
+        ms_per_frame: (N,) milliseconds inside `process`, of the frames it answered, in order. The
+            first compiles and fills caches: it stands apart, and is in no other figure.
         stages_ms: the stages each of these frames named; a stage is averaged over the frames
             that name it.
         finish_s: seconds inside `finish`; None where it failed.
     """
     out: dict[str, Any] = {}
     if len(ms_per_frame):
-        out |= {"ms_per_frame_mean": float(np.mean(ms_per_frame)),
-                "ms_per_frame_median": float(np.median(ms_per_frame)),
-                "ms_per_frame_p95": float(np.percentile(ms_per_frame, 95))}
-    names = dict.fromkeys(name for frame in stages_ms for name in frame)
-    stages = {name: float(np.mean([frame[name] for frame in stages_ms if name in frame]))
+        out["ms_first_frame"] = float(ms_per_frame[0])
+    later_ms, later_stages_ms = ms_per_frame[1:], stages_ms[1:]
+    if len(later_ms):
+        out |= {"ms_per_frame_mean": float(np.mean(later_ms)),
+                "ms_per_frame_median": float(np.median(later_ms)),
+                "ms_per_frame_p95": float(np.percentile(later_ms, 95))}
+    names = dict.fromkeys(name for frame in later_stages_ms for name in frame)
+    stages = {name: float(np.mean([frame[name] for frame in later_stages_ms if name in frame]))
               for name in names}
     if stages:
         out["stages_ms"] = stages

@@ -57,12 +57,14 @@ def test_nees_is_six_where_the_covariance_is_right():
     assert nees(T, true, 4.0 * covariance).mean() == pytest.approx(1.5, rel=0.05)
 
 
-def test_stages_are_averaged_over_the_frames_that_name_them():
-    out = timing_metrics(np.array([10.0, 20.0, 60.0]),
-                         [{"a": 1.0}, {"a": 3.0, "b": 5.0}, {}], None)
+def test_the_first_frame_stands_apart_and_stages_are_averaged_over_those_that_name_them():
+    out = timing_metrics(np.array([900.0, 10.0, 20.0, 60.0]),
+                         [{"a": 700.0}, {"a": 1.0}, {"a": 3.0, "b": 5.0}, {}], None)
+    assert out["ms_first_frame"] == 900.0
     assert out["ms_per_frame_mean"] == 30.0
     assert out["ms_per_frame_median"] == 20.0
     assert out["ms_per_frame_p95"] == pytest.approx(56.0)
     assert out["stages_ms"] == {"a": 2.0, "b": 5.0}
     assert "batch_global_s" not in out
+    assert timing_metrics(np.array([900.0]), [{"a": 700.0}], None) == {"ms_first_frame": 900.0}
     assert timing_metrics(np.zeros(0), [], None) == {}
