@@ -145,14 +145,16 @@ class SceneSpec:
                                   f"{_did_you_mean(name, values)}it has {', '.join(values)}")
             dial = next(dial for dial in self.dials if dial.name == name)
             number = dial.number(value)
-            if dial.choices and math.isnan(number):
-                raise UnknownName(f"scene {self.name}: dial {name}={value} must be one of "
-                                  f"{', '.join(dial.choices)}")
-            if not dial.low <= number <= dial.high:
-                raise UserError(f"scene {self.name}: dial {name}={value} must be a number "
-                                f"from {dial.low:g} to {dial.high:g}")
-            if dial.integer and not number.is_integer():
-                raise UserError(f"scene {self.name}: dial {name}={value} must be a whole number")
+            in_range = dial.low <= number <= dial.high
+            whole = number.is_integer() or not dial.integer
+            given_as = value if isinstance(value, str) else f"{value:g}"
+            what = f"scene {self.name}: dial {name}={given_as}"
+            if dial.choices and not (in_range and whole):
+                raise UnknownName(f"{what} must be one of {dial.allowed}")
+            if not in_range:
+                raise UserError(f"{what} must be a number from {dial.allowed}")
+            if not whole:
+                raise UserError(f"{what} must be a whole number")
             values[name] = number
         return values
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -118,6 +119,18 @@ def test_unknown_and_wrong_dials():
         with pytest.raises(UserError, match=r"texture=.* from 0 to 1"):
             spec.resolve_dials({"texture": wrong})
     assert spec.resolve_dials({"objects": 3})["objects"] == 3.0
+
+
+def test_a_wrong_dial_is_named_as_it_was_given():
+    boxes, office = find_scene("SwingingBoxes-v0"), find_scene("Office-v0")
+    for spec, dial, given, said in ((boxes, "objects", 99.0, "objects=99 must be a number from"),
+                                    (boxes, "objects", "1e2", "objects=1e2 must be a number from"),
+                                    (boxes, "objects", 2.5, "objects=2.5 must be a whole number"),
+                                    (office, "people", "runing", "people=runing must be one of"),
+                                    (office, "people", 7.0, "people=7 must be one of walking"),
+                                    (office, "people", 0.5, "people=0.5 must be one of")):
+        with pytest.raises(UserError, match=re.escape(said)):
+            spec.resolve_dials({dial: given})
 
 
 def test_registering_wrongly():
