@@ -1,6 +1,6 @@
 """ORB-SLAM3 itself as a system, to stand beside ours in every table.
 
-    pip install 'simbench-slam[orbslam3]'
+    pip install -e '.[orbslam3]'
     simbench run SwingingBoxes-v0 --system examples/orbslam3_system.py:make --out run
 
 The wheel `pyorbslam3` is under the GPL-3: nothing of this project imports it but this file, which
@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from simbench.errors import UserError
+from simbench.extras import how_to_install
 from simbench.trajectory_files import read_tum_trajectory
 from slam.dpl.vocabulary import Vocabulary, shipped
 from slam.geometry import se3
@@ -125,8 +126,8 @@ def _library() -> ModuleType:
     try:
         import pyorbslam3  # noqa: PLC0415 (the rest of this file is of use without it)
     except ModuleNotFoundError:
-        raise UserError("examples/orbslam3_system.py: pyorbslam3 is not installed; pip install "
-                        "'simbench-slam[orbslam3]' (GPL-3, Linux x86-64)") from None
+        raise UserError("examples/orbslam3_system.py: pyorbslam3 is not installed "
+                        f"(GPL-3, Linux x86-64); {how_to_install('orbslam3')}") from None
     return pyorbslam3
 
 

@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from simbench.errors import BadFile, UserError
+from simbench.extras import how_to_install
 from simbench.storage import MANIFEST, file_sha256
 
 _MOST_FILES = 1_000_000
@@ -50,8 +51,8 @@ def file_system(url: str, option: str = "") -> tuple[Any, str]:
     try:
         import fsspec  # noqa: PLC0415 (an extra)
     except ModuleNotFoundError:
-        raise UserError(f"{where}: object storage needs fsspec; pip install "
-                        "'simbench-slam[storage]'") from None
+        raise UserError(f"{where}: object storage needs fsspec; "
+                        f"{how_to_install('storage')}") from None
     try:
         files, root = fsspec.core.url_to_fs(url)
     except (ImportError, ValueError) as error:

@@ -61,7 +61,7 @@ def _check_python(words: tuple[str, ...]) -> None:
 def _check_pip(words: tuple[str, ...]) -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"]
-    for names in re.findall(r"simbench-slam\[([\w,]+)\]", " ".join(words)):
+    for names in re.findall(r"\.\[([\w,]+)\]", " ".join(words)):
         assert set(names.split(",")) <= set(extras)
 
 

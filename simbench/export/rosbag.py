@@ -11,6 +11,7 @@ import numpy as np
 
 from simbench.errors import UserError
 from simbench.export.target import make_folder
+from simbench.extras import how_to_install
 from simbench.sequence import Sequence
 from simbench.types import Trajectories
 from slam.geometry import se3
@@ -46,7 +47,7 @@ def export_rosbag2(sequence: Sequence, out: Path,
         BadFrame: a frame cannot be read.
     """
     if importlib.util.find_spec("rosbags") is None:
-        raise UserError('--format rosbag2: needs rosbags; `pip install "simbench-slam[rosbag]"`')
+        raise UserError(f"--format rosbag2: needs rosbags; {how_to_install('rosbag')}")
     from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415 (an optional extra)
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     if sequence.stamps_s[0] < 0:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simbench.errors import UserError
+from simbench.extras import how_to_install
 from simbench.render import gl
 from simbench.render.geometry import geom_colours, geom_triangles, shown_geoms
 from slam.geometry import se3
@@ -113,6 +114,6 @@ def _load_pyrender() -> Any:
         pyglet.options["headless"] = True   # else pyrender's viewer asks for a server's X libraries
         import pyrender  # noqa: PLC0415
     except ImportError as error:
-        raise UserError("the pyrender renderer is not installed: "
-                        "pip install 'simbench-slam[pyrender]'") from error
+        raise UserError("the pyrender renderer is not installed; "
+                        f"{how_to_install('pyrender')}") from error
     return pyrender

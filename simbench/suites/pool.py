@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from simbench.errors import UserError
+from simbench.extras import how_to_install
 from simbench.suites.jobs import Run, Task
 from simbench.suites.work import (
     HowToWork,
@@ -66,7 +67,7 @@ def dask_workers(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client  # noqa: PLC0415 (an extra)
     except ModuleNotFoundError:
-        raise UserError("--dask: needs Dask; pip install 'simbench-slam[dask]'") from None
+        raise UserError(f"--dask: needs Dask; {how_to_install('dask')}") from None
     try:
         client = Client(address, timeout=_DASK_WAIT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

@@ -12,6 +12,7 @@ import numpy as np
 
 from simbench.datasets.rows import read_numbers
 from simbench.errors import UserError
+from simbench.extras import how_to_install
 from simbench.ply import read_ply
 from simbench.sequence import Sequence
 from simbench.trajectory_files import read_tum_trajectory
@@ -87,7 +88,7 @@ class _Recording:
 
     def __init__(self, save: Path | None) -> None:
         if importlib.util.find_spec("rerun") is None:
-            raise UserError('Rerun is not installed; `pip install "simbench-slam[view]"`, or give '
+            raise UserError(f"Rerun is not installed; {how_to_install('view')}; or give "
                             "--contact-sheet FILE.png or --mp4 FILE.mp4")
         import rerun  # noqa: PLC0415 (an optional extra)
         if save is not None:

@@ -58,7 +58,7 @@ def test_the_vocabulary_as_text_finds_the_same_words():
 
 def test_without_the_wheel_one_line_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyorbslam3", None)
-    with pytest.raises(UserError, match=r"pip install 'simbench-slam\[orbslam3\]'"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[orbslam3\]'"):
         load_system(f"{EXAMPLE}:make", Intrinsics(50.0, 50.0, 31.5, 23.5, 64, 48))
 
 

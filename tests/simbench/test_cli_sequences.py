@@ -95,7 +95,7 @@ def test_a_contact_sheet_that_cannot_be_is_refused(generated, tmp_path, capsys, 
 def test_view_names_the_extra_that_is_missing(generated, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["view", str(generated)]) == 2
-    assert 'pip install "simbench-slam[view]"' in capsys.readouterr().err
+    assert "pip install -e '.[view]'" in capsys.readouterr().err
 
 
 def test_a_video_plays_as_long_as_the_sequence(generated, tmp_path, capsys):

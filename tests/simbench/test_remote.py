@@ -114,5 +114,5 @@ def test_a_broken_manifest_is_one_line(manifest):
 
 def test_without_fsspec_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "fsspec", None)
-    with pytest.raises(UserError, match=r"simbench-slam\[storage\]"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[storage\]"):
         open_sequence("s3://bucket/room")

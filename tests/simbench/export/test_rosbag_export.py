@@ -108,6 +108,6 @@ def test_equal_sequences_give_equal_bytes(tmp_path, capsys):
 def test_what_is_missing_is_one_line(tmp_path, monkeypatch):
     source = open_sequence(tum_folder(tmp_path / "t"))
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"simbench-slam\[rosbag\]"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[rosbag\]"):
         export_rosbag2(source, tmp_path / "out")
     assert not (tmp_path / "out").exists()
