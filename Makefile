@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # One thread for each OpenBLAS call: equal bytes on every machine, and faster on arrays this small.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check gate docs wheel opengl clean help
+.PHONY: demo test check gate docs wheel opengl both-opengl clean help
 .DEFAULT_GOAL := help
 
 help:
@@ -32,11 +32,14 @@ $(READY): pyproject.toml
 opengl:
 	@sh scripts/install_opengl.sh
 
+both-opengl:
+	@sh scripts/install_opengl.sh both
+
 demo: $(READY) opengl
 	$(BIN)/simbench run SwingingBoxes-v0 --system sdpl --sensor kinect --flow dis --frames 90 --out demo
 	@echo "The report: $(CURDIR)/demo/report.html"
 
-test: $(READY) opengl
+test: $(READY) both-opengl
 	$(BIN)/python -m pytest
 
 check: $(READY)
