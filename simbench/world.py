@@ -46,7 +46,7 @@ def make_world(scene: str | SceneSpec, seed: int = 0,
     if min(width, height) < 8 or max(width, height) > 8192:
         raise UserError(f"scene {spec.name}: size {width}x{height} must be from 8 to 8192 pixels")
     if not 0.1 <= fps <= 1000.0:
-        raise UserError(f"scene {spec.name}: fps {fps} must be from 0.1 to 1000")
+        raise UserError(f"scene {spec.name}: fps {fps:g} must be from 0.1 to 1000")
     return World(spec, int(seed), spec.resolve_dials(dials), (int(width), int(height)), float(fps))
 
 

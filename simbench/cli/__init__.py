@@ -103,7 +103,7 @@ def _usage_message(error: BaseException) -> str:
     context = getattr(error, "ctx", None)
     command = "simbench" if context is None else context.command_path
     message: str = error.format_message()  # type: ignore[attr-defined]
-    return f"{message.rstrip('.')}; see `{command} --help`"
+    return f"{message.rstrip('.?')}; see `{command} --help`"
 
 
 def _os_message(error: OSError) -> str:

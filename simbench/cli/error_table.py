@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +14,44 @@ if TYPE_CHECKING:
     from simbench.outcome import Outcome
     from simbench.report.table import ErrorTable
 
+_GAP = 2     # characters between columns
+
 
 def print_table(table: ErrorTable, console: Console | None = None) -> None:
-    """A table without its notes; by default its lines break where the terminal ends."""
-    from rich import box
+    """A table without its notes, to a console or, in parts that fit its width, to the terminal.
+
+    Into a pipe it is one table, however wide, so that grep finds each row whole.
+    """
     from rich.console import Console
+
+    if console is not None:
+        _print(table, console)
+    elif sys.stdout.isatty():
+        for part in parts_that_fit(table, shutil.get_terminal_size().columns):
+            _print(part, Console(highlight=False))
+    else:
+        _print(table, Console(highlight=False, width=500))
+
+
+def parts_that_fit(table: ErrorTable, width: int) -> list[ErrorTable]:
+    """The table's columns in groups no wider than `width` characters, the first column in each.
+
+    A column wider than that stands alone.
+    """
+    cells = (table.columns, *table.rows)
+    widths = [_GAP + max(len(row[i]) for row in cells) for i in range(len(table.columns))]
+    groups: list[list[int]] = []
+    for i in range(1, len(widths)):
+        if not groups or widths[0] + sum(widths[k] for k in groups[-1]) + widths[i] > width:
+            groups.append([])
+        groups[-1].append(i)
+    return [replace(table, columns=tuple(table.columns[k] for k in (0, *group)),
+                    rows=tuple(tuple(row[k] for k in (0, *group)) for row in table.rows))
+            for group in groups]
+
+
+def _print(table: ErrorTable, console: Console) -> None:
+    from rich import box
     from rich.table import Table
 
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -24,7 +59,7 @@ def print_table(table: ErrorTable, console: Console | None = None) -> None:
         shown.add_column(column, justify="left" if i == 0 else "right")
     for row in table.rows:
         shown.add_row(*row)
-    (console or Console(highlight=False, width=500)).print(shown)
+    console.print(shown)
 
 
 def print_outcome(outcome: Outcome, out: Path) -> None:

@@ -12,7 +12,10 @@ BaselineFile = Annotated[Path, typer.Option("--baseline", metavar="FILE", help="
 
 
 def bless_command(place: Place, baseline: BaselineFile) -> None:
-    """Say that these results are right: gates hold later ones against them."""
+    """Write results down as a baseline for gates.
+
+    Do so on purpose: later results are held against these.
+    """
     from simbench.baseline import bless
 
     found = bless(place, baseline)
@@ -21,7 +24,10 @@ def bless_command(place: Place, baseline: BaselineFile) -> None:
 
 
 def gate_command(place: Place, baseline: BaselineFile) -> None:
-    """Compare with a baseline, in pairs of equal seeds; exit code 1 on a regression."""
+    """Fail where results are worse than a baseline.
+
+    They are compared in pairs of equal sequences; exit code 1 on a regression beyond noise.
+    """
     from simbench.baseline import outcome_of, read_baseline
     from simbench.gate import judge
 

@@ -9,6 +9,7 @@ import textwrap
 import typer
 
 _NARROWEST = 40     # characters; below, lines break where they will
+_NAME_WIDTH = 26    # characters of the first column
 
 
 def list_command() -> None:
@@ -21,23 +22,27 @@ def list_command() -> None:
 
     typer.echo("Scenes")
     for scene in list_scenes():
-        _entry(f"  {scene.name:<20} ", f"{scene.description} "
+        _entry(_name(scene.name), f"{scene.description} "
                f"({scene.width}x{scene.height}, {scene.fps:g} fps)")
         for dial in scene.dials:
-            _entry(f"      --dial {dial.name}={dial.shown(dial.default)}".ljust(34),
+            _entry(f"      --dial {dial.name}={dial.shown(dial.default)}".ljust(_NAME_WIDTH + 10),
                    f"{dial.allowed}: {dial.help}")
     typer.echo("\nSystems")
     for name, text in descriptions().items():
-        _entry(f"  {name:<20} ", text)
+        _entry(_name(name), text)
     typer.echo("\nSuites")
     for name in list_suites():
-        _entry(f"  {name:<20} ", ' '.join(load_suite(name).description.split()))
+        _entry(_name(name), ' '.join(load_suite(name).description.split()))
     typer.echo("\nTables, for `simbench reproduce`")
     for name in list_tables():
-        _entry(f"  {name:<20} ", load_table(name).title)
+        _entry(_name(name), load_table(name).title)
     typer.echo("\nSensors")
     for sensor in SENSORS.values():
-        _entry(f"  {sensor.name:<20} ", sensor.help)
+        _entry(_name(sensor.name), sensor.help)
+
+
+def _name(text: str) -> str:
+    return f"  {text}".ljust(_NAME_WIDTH)
 
 
 def _entry(head: str, text: str) -> None:

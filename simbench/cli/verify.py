@@ -16,7 +16,10 @@ def verify_command(
         place: Annotated[str, typer.Argument(
             metavar="DIR", help="A sequence's folder, or its URL in object storage.")],
         calibration: Calibration = None, scene: TrustedScene = None) -> None:
-    """Check every hash and invariant of a sequence, and whether it would be drawn the same here."""
+    """Check a sequence's hashes and invariants.
+
+    Also whether it would be drawn the same here.
+    """
     from simbench.cli.progress import frame_progress
     from simbench.datasets.simbench_folder import SimbenchFolder
     from simbench.remote import local_folder

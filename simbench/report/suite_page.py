@@ -146,7 +146,7 @@ def _error_table(summary: Sequence[Mapping[str, Any]], metrics: Sequence[str],
                  for name in names]
         first = each["metrics"].get(metrics[0], {})
         needed = first.get("seeds_needed")
-        rows.append((f"{_point(each['point'])} {each['system']}".strip(), *cells,
+        rows.append((_row_head(each), *cells,
                      f"{each['lost_frames']} of {each['frames']}",
                      f"{each['lost_runs']} of {each['runs']}",
                      NONE if needed is None else str(needed)))
@@ -160,7 +160,7 @@ def summary_table(results: Mapping[str, Any]) -> ErrorTable:
     """All cases, points and systems in one table, for the terminal."""
     summary = results["summary"]
     table = _error_table(summary, results["suite"]["metrics"], results["resolution"])
-    rows = tuple((f"{each['case']} {row[0]}", *row[1:])
+    rows = tuple((f"{each['case']}, {row[0]}", *row[1:])
                  for each, row in zip(summary, table.rows, strict=True))
     return ErrorTable(table.columns, rows, table.notes)
 
@@ -199,7 +199,7 @@ def _pair_table(pairs: Sequence[Mapping[str, Any]], resolution: float) -> ErrorT
         scale, unit = (100.0, " %") if each["relative"] else (1.0, "")
         interval = "" if each["low"] is None else \
             f" [{scale * each['low']:+.3g}, {scale * each['high']:+.3g}]"
-        rows.append((f"{_point(each['point'])} {each['system']}".strip(), each["metric"],
+        rows.append((_row_head(each), each["metric"],
                      f"{scale * each['mean']:+.3g}{unit}{interval}", str(each["n"]),
                      str(each.get("seeds_needed") or NONE)))
     wanted = f"{100 * resolution:g} %"
@@ -227,6 +227,10 @@ def _speed_table(suite: Mapping[str, Any], runs: Sequence[Mapping[str, Any]],
 def _point(point: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" if isinstance(value, str) else f"{name} {value:g}"
                      for name, value in point.items())
+
+
+def _row_head(each: Mapping[str, Any]) -> str:
+    return ", ".join(part for part in (_point(each["point"]), each["system"]) if part)
 
 
 def _title(run: Mapping[str, Any]) -> str:
