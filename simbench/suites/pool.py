@@ -62,15 +62,21 @@ def dask_workers(address: str) -> Iterator[Workers]:
     """The workers of a Dask cluster that runs already.
 
     Raises:
-        UserError: distributed is not installed, nothing answers, or workers have several threads.
+        UserError: distributed is not installed, the address is none, nothing answers, or workers
+            have several threads.
     """
     try:
         from distributed import Client  # noqa: PLC0415 (an extra)
+        from distributed.comm import get_address_host_port  # noqa: PLC0415
     except ModuleNotFoundError:
         raise UserError(f"--dask: needs Dask; {how_to_install('dask')}") from None
     try:
+        get_address_host_port(address)   # half a client of a bad address would complain on its end
+    except ValueError as error:
+        raise UserError(f"--dask {address}: {error}; wanted one as in tcp://host:8786") from None
+    try:
         client = Client(address, timeout=_DASK_WAIT_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, TimeoutError) as error:
         raise UserError(f"--dask {address}: no scheduler answers there ({type(error).__name__}); "
                         "start one, or check the address") from None
     try:

@@ -42,6 +42,10 @@ def test_no_cluster_is_one_line(monkeypatch):
     with pytest.raises(UserError, match="no scheduler answers there"), \
             dask_workers("tcp://127.0.0.1:9"):
         pass
+    for address in ("nowhere", "tcp://nowhere", "foo://here:1"):
+        with pytest.raises(UserError, match=f"{address}: .*wanted one as in tcp://host:8786"), \
+                dask_workers(address):
+            pass
 
 
 @pytest.mark.parametrize("kind", ["folder", "file://", "memory://"])
