@@ -105,6 +105,19 @@ def test_the_version_is_shown(capsys):
     assert capsys.readouterr().out == f"simbench {metadata.version('simbench-slam')}\n"
 
 
+def test_no_place_for_compiled_loops_is_one_line(tmp_path):
+    (tmp_path / "simbench").mkdir()
+    (tmp_path / "simbench" / "__init__.py").write_text(
+        "raise RuntimeError(\"cannot cache function 'f': no locator available for 'x.py'\")")
+    done = subprocess.run([sys.executable, "-c",
+                           f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(ROOT)!r}]; "
+                           "from simbench_command import main; sys.exit(main())"],
+                          capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "set NUMBA_CACHE_DIR" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("words", [("-m", "simbench"), (str(ROOT / "simbench_command.py"),)])
 def test_python_starts_the_program_too(words, tmp_path):
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
