@@ -65,6 +65,27 @@ def rotation_sigma(information: Array) -> Array:
     return np.asarray(np.sqrt(np.trace(variance[..., :3, :3], axis1=-2, axis2=-1)))
 
 
+def clustering(information: Array, score: Array) -> float:
+    """By how much errors that near features have in common widen a motion's variance.
+
+    Were all errors independent, the scores Σ w Jᵀr of parts of the image would spread as the
+    parts' information says; what they spread more is the design effect (Liang & Zeger 1986). The
+    scores are those of the solution, which they have made sum to zero: of a part that holds H_c of
+    the whole information H, H_c − H_c H⁻¹ H_c is left.
+
+    Args:
+        information: (C, 6, 6) Σ w JᵀJ of each part; score: (C, 6), in units of independent
+            features' standard deviations.
+    Returns:
+        the mean over the motion's directions; 1 where the parts cannot tell.
+    """
+    total = covariance_of(information.sum(axis=0))
+    share = total @ information
+    expected = float(len(total) - np.einsum("cij,cji->", share, share))
+    found = float(np.einsum("ci,ij,cj->", score, total, score))
+    return found / expected if expected > 1.0 and np.isfinite(found) else 1.0
+
+
 @numba.njit(cache=True, nogil=True)
 def sharing(uv_px, group, groups, width_px):  # type: ignore[no-untyped-def]
     """By how much (G,) windows that overlap claim too much information.

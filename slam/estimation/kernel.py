@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -22,9 +24,16 @@ def robust(chi2, huber, width):  # type: ignore[no-untyped-def]
     return 1.0 / (1.0 + ratio), width * width * np.log1p(ratio)
 
 
-def efficiency(chi2: Array, rows: Array, group: Array, groups: int, huber: bool,
-               width: float) -> Array:
-    """True over weighted information (G,): what Σ w JᵀJ must be multiplied by (Huber 1973).
+class KernelEffect(NamedTuple):
+    """What a kernel leaves of each motion's information, by its residuals."""
+
+    efficiency: Array     # (G,) true over weighted information: what Σ w JᵀJ must be multiplied by
+    score: Array          # (G,) variance of the scores w Jᵀr over Σ w JᵀJ
+
+
+def kernel_effect(chi2: Array, rows: Array, group: Array, groups: int, huber: bool,
+                  width: float) -> KernelEffect:
+    """Efficiency of a robust estimate, and the variance of its scores (Huber 1973).
 
     A robust estimate's covariance is b/a² (Σ JᵀJ)⁻¹, with a the mean derivative of the influence
     ψ = w r and b the mean of ψ² over the whitened residuals; Σ w JᵀJ alone claims 1/mean(w). With
@@ -52,5 +61,6 @@ def efficiency(chi2: Array, rows: Array, group: Array, groups: int, huber: bool,
     freedom = np.maximum(count - 6.0, 1.0)
     b = np.bincount(group, weight**2 * chi2, groups) / freedom
     usable = (count > 12.0) & (a > 0.0) & (b > 0.0)
+    score = np.where(usable, b / np.where(usable, mean_weight, 1.0), 1.0)
     factor = a**2 / np.where(usable, b * mean_weight, 1.0)
-    return np.where(usable, factor, 1.0)
+    return KernelEffect(np.where(usable, factor, 1.0), score)

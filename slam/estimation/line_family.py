@@ -49,10 +49,15 @@ class LineFamily:
         moved = self.m.flow_sigma[:, None] ** 2 * np.einsum("lij,li->lj", t.J_flow, pull[:, :, 0])
         return np.asarray(self.m.endpoints_b - moved.reshape(-1, 2, 2))
 
-    def accumulate(self, T: Array, cost: Array, H: Array, g: Array) -> Array:
-        """Add this family to cost (G,), H (G, 6, 6) and g (G, 6); each line's whitened length."""
+    def accumulate(self, T: Array, cost: Array, H: Array, g: Array,
+                   part: Array | None = None) -> Array:
+        """Add this family to cost (G,), H (G, 6, 6) and g (G, 6); each line's whitened length.
+
+        Args:
+            part: (L,) which of the G poses and sums is each line's; None: that of its group.
+        """
         return np.asarray(_accumulate_lines(
-            T, self.m.group, self.rays, self.m.rho_a, self.m.endpoints_b, self.whitening,
+            T, self.m.group if part is None else part, self.rays, self.m.rho_a, self.m.endpoints_b, self.whitening,
             camera_tuple(self.camera), is_pixel(self.config.line_normalisation),
             self.config.kernel == "huber", self.config.kernel_width, cost, H, g))
 

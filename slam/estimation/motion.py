@@ -15,7 +15,8 @@ import numba
 import numpy as np
 
 from slam.config import MotionConfig
-from slam.estimation.kernel import efficiency
+from slam.estimation.covariance import clustering
+from slam.estimation.kernel import KernelEffect, kernel_effect
 from slam.estimation.line_family import LineFamily
 from slam.estimation.point_family import PointFamily
 from slam.geometry import se3
@@ -29,6 +30,7 @@ _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
 _SAMPLE = 1000                 # points of a motion are enough for medians and first steps
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
 _TILE_PRIOR = 6                # features that the whole image's noise counts for in a tile
+_PARTS = (3, 4)                # rows and columns of parts over which errors hang together
 _TESTED = 0.1                  # share of a depth's variance that its residuals can explain
 
 
@@ -42,6 +44,7 @@ class Motions:
     line_chi: Array           # (L,) the same of each line (2 rows)
     flow_scale: Array         # (G, kinds) measured over assumed standard deviation of the flow
     depth_scale: float        # the same of the inverse depths
+    clustering: float         # of the camera's errors, as slam.estimation.covariance has it
     points: PointFamily       # as they were left, for what was eliminated
     lines: LineFamily
 
@@ -67,6 +70,7 @@ class NoiseScales:
 
     flow: Array               # (kinds,)
     depth: float = 1.0
+    clustering: float = 1.0   # of variances: near features err alike
 
 
 def refine_motions(T_a_b: Array, points: PointMatches, lines: LineMatches, camera: Intrinsics,
@@ -129,9 +133,10 @@ class _Problem:
         self.flow_scale2 = np.repeat(np.asarray(scales.flow)[None] ** 2, groups, axis=0)
         self.depth_scale2 = scales.depth**2
         # Depth is good on a road and bad in a tree: its noise is measured tile by tile.
-        self.point_tile = _tiles(points.uv_a, points.group, camera)
-        self.line_tile = _tiles(lines.endpoints_a.mean(axis=1), lines.group, camera)
-        self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups, self.depth_scale2)
+        self.camera = camera
+        self.point_tile = _tiles(points.uv_a, points.group, camera, _TILES)
+        self.line_tile = _tiles(lines.endpoints_a.mean(axis=1), lines.group, camera, _TILES)
+        self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups - 1, self.depth_scale2)
         self.sample = _evenly_spread(points.group, points.kind)
 
     def renew(self, T: Array) -> None:
@@ -199,28 +204,38 @@ class _Problem:
         self.tile_scale2 = np.maximum(blended, _SMALLEST_SCALE2)
 
     def solution(self, T: Array, information: Array) -> Motions:
-        unused = np.zeros(self.groups), np.zeros((self.groups, 6, 6)), np.zeros((self.groups, 6))
-        point_chi = self.points.accumulate(T, *unused)
-        line_chi = self.lines.accumulate(T, *unused)
-        information = information * self._efficiency(point_chi, line_chi)[:, None, None]
-        return Motions(T, information, point_chi, line_chi, np.sqrt(self.flow_scale2),
-                       float(np.sqrt(self.depth_scale2)), self.points, self.lines)
+        # Part by part of the image; an object is one part.
+        points, lines, parts = self.points.m, self.lines.m, _PARTS[0] * _PARTS[1]
+        pose = T[np.r_[np.zeros(parts, np.int64), np.arange(1, self.groups)]]
+        n = len(pose)
+        _, H, g = sums = np.zeros(n), np.zeros((n, 6, 6)), np.zeros((n, 6))
+        point_chi = self.points.accumulate(
+            pose, *sums, part=_tiles(points.uv_a, points.group, self.camera, _PARTS))
+        line_chi = self.lines.accumulate(
+            pose, *sums, part=_tiles(lines.endpoints_a.mean(axis=1), lines.group, self.camera,
+                                     _PARTS))
+        effect = self._kernel_effect(point_chi, line_chi)
+        return Motions(T, information * effect.efficiency[:, None, None], point_chi, line_chi,
+                       np.sqrt(self.flow_scale2), float(np.sqrt(self.depth_scale2)),
+                       clustering(H[:parts], g[:parts] / np.sqrt(effect.score[0])),
+                       self.points, self.lines)
 
-    def _efficiency(self, point_chi: Array, line_chi: Array) -> Array:
-        """(G,) what the information must be multiplied by, from all residuals."""
+    def _kernel_effect(self, point_chi: Array, line_chi: Array) -> KernelEffect:
+        """By motion, from all residuals."""
         m, config = self.points.m, self.points.config
         rows = np.r_[np.where(self.points.known_b, 3.0, 2.0), np.full(len(line_chi), 2.0)]
-        return efficiency(np.r_[point_chi, line_chi] ** 2, rows,
-                          np.r_[m.group, self.lines.m.group], self.groups,
-                          config.kernel == "huber", config.kernel_width)
+        return kernel_effect(np.r_[point_chi, line_chi] ** 2, rows,
+                             np.r_[m.group, self.lines.m.group], self.groups,
+                             config.kernel == "huber", config.kernel_width)
 
 
-def _tiles(uv_px: Array, group: Array, camera: Intrinsics) -> Array:
-    """Tile (N,) of each feature: by its place in the image, or by its object."""
-    rows, columns = _TILES
+def _tiles(uv_px: Array, group: Array, camera: Intrinsics, shape: tuple[int, int]) -> Array:
+    """Tile (N,) of each feature: by its place in the image cut into rows and columns, or, after
+    those, by its object."""
+    rows, columns = shape
     row = np.clip(uv_px[:, 1] * rows / camera.height, 0, rows - 1).astype(np.int64)
     column = np.clip(uv_px[:, 0] * columns / camera.width, 0, columns - 1).astype(np.int64)
-    return np.where(group == 0, row * columns + column, rows * columns + group)
+    return np.where(group == 0, row * columns + column, rows * columns + group - 1)
 
 
 def _evenly_spread(group: Array, kind: Array) -> Array:

@@ -105,16 +105,17 @@ class PointFamily:
         step = -inverse @ g
         return float(step[6]), float(np.sqrt(max(inverse[6, 6], 0.0)))
 
-    def accumulate(self, T: Array, cost: Array, H: Array, g: Array,
-                   index: Array | None = None) -> Array:
+    def accumulate(self, T: Array, cost: Array, H: Array, g: Array, index: Array | None = None,
+                   part: Array | None = None) -> Array:
         """Add points to cost (G,), H (G, 6, 6) and g (G, 6); each one's whitened length.
 
         Args:
             index: (M,) the points that count; None: all.
+            part: (N,) which of the G poses and sums is each point's; None: that of its group.
         """
         index = np.arange(len(self.m)) if index is None else index
         return np.asarray(_accumulate_points(
-            T, index, self.m.group, self.rays, self.rho, self.m.rho_a, self.m.uv_b, self.m.rho_b,
+            T, index, self.m.group if part is None else part, self.rays, self.rho, self.m.rho_a, self.m.uv_b, self.m.rho_b,
             self.whitening, camera_tuple(self.camera), self.config.kernel == "huber",
             self.config.kernel_width, cost, H, g))
 

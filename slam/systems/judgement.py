@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from slam.config import SdplConfig
 from slam.dynamics.scene_flow import Followers
-from slam.estimation.covariance import rotation_sigma
+from slam.estimation.covariance import rotation_sigma, sharing
 from slam.estimation.motion import Motions
 from slam.frontend.follow import REFINED_KIND
 from slam.frontend.grid import OBJECT_GRID_KIND
@@ -30,7 +31,7 @@ class ObjectMotion:
     followers: Followers
     rigidity: float
     inliers: int
-    sharing: float             # by how much the information is too bold: windows that overlap
+    sharing: float             # by how much the information is too bold: patches that overlap
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +49,10 @@ class Tracked:
     inlier_points: int
     inlier_lines: int
     lost_because: str = ""
-    sharing: float = 1.0                 # as ObjectMotion's, of the camera
+    sharing: float = 1.0                 # as ObjectMotion's, and errors that hang together
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Solved:
     """What the solver found, and what it rests on."""
 
@@ -60,8 +61,20 @@ class Solved:
     labels: list[int]          # in the current frame; of groups 1, 2, …
     parked: Array              # groups that stand, and were solved with the static world
     on_images: bool            # the corners were aligned on the images
-    sharing: Array             # (G,) by how much each group's information is too bold
+    patch_px: float            # side of the corners' patches
+    clustering: float          # of the camera's errors, over the last frames
     object_flow_scale: float   # noise of an object's cells over the stated one, as known so far
+
+    @cached_property
+    def sharing(self) -> Array:
+        """(G,) by how much each group's information is too bold: patches that overlap, and of the
+        camera what is measured of errors that hang together."""
+        groups = len(self.motions.T_a_b)
+        corners = self.matched.corners
+        out = (np.asarray(sharing(corners.uv_a, corners.group, groups, self.patch_px))
+               if self.on_images else np.ones(groups))
+        out[0] = max(out[0], self.clustering)
+        return out
 
 
 def judged(solved: Solved, why: dict[int, str], intrinsics: Intrinsics,

@@ -11,7 +11,7 @@ from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moving
 from slam.estimation.calibration import DepthOffset
-from slam.estimation.covariance import rotation_sigma, sharing
+from slam.estimation.covariance import rotation_sigma
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.follow import (
@@ -90,7 +90,7 @@ class MotionStage:
             self.depth_offset = self.depth_offset.observed(self.depth_offset.value + more, sigma)
         on_images = image_flow and self._aligns(image_flow)
         solved = Solved(matched, motions, labels_b, parked, on_images,
-                        self._sharing(matched, len(starts), on_images),
+                        2.0 * self._align.radius_px + 1.0, self.scales.clustering,
                         float(self.scales.flow[OBJECT_GRID_KIND]))
         return judged(solved, why, self.intrinsics, self.config)
 
@@ -195,7 +195,8 @@ class MotionStage:
             self.scales = NoiseScales(
                 np.where(present, keep * self.scales.flow + (1 - keep) * measured,
                          self.scales.flow),
-                keep * self.scales.depth + (1 - keep) * motions.depth_scale)
+                keep * self.scales.depth + (1 - keep) * motions.depth_scale,
+                keep * self.scales.clustering + (1 - keep) * motions.clustering)
         return motions
 
     def _aligned(self, a: Observation, b: Observation, matched: Matched, rough: Motions,
@@ -225,13 +226,6 @@ class MotionStage:
             grid = take(grid, ~enough[grid.group])
         return Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
                        lines, line_index)
-
-    def _sharing(self, matched: Matched, groups: int, on_images: bool) -> Array:
-        """(G,) by how much each group's aligned corners claim too much."""
-        if not on_images:
-            return np.ones(groups)
-        return np.asarray(sharing(matched.corners.uv_a, matched.corners.group, groups,
-                                  2.0 * self._align.radius_px + 1.0))
 
     def _carried(self, uv_a: Array, rho_a: Array, slopes: Array, T_b_a: Array
                  ) -> tuple[Array, Array]:
