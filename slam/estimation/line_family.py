@@ -57,8 +57,8 @@ class LineFamily:
             part: (L,) which of the G poses and sums is each line's; None: that of its group.
         """
         return np.asarray(_accumulate_lines(
-            T, self.m.group if part is None else part, self.rays, self.m.rho_a, self.m.endpoints_b, self.whitening,
-            camera_tuple(self.camera), is_pixel(self.config.line_normalisation),
+            T, self.m.group if part is None else part, self.rays, self.m.rho_a,
+            self.m.endpoints_b, self.whitening, camera_tuple(self.camera), is_pixel(self.config.line_normalisation),
             self.config.kernel == "huber", self.config.kernel_width, cost, H, g))
 
 
