@@ -7,9 +7,8 @@ import numpy as np
 
 from slam.backend.linearise import UNSEEN_CHI2
 from slam.backend.reduced import invert
+from slam.spread import MEDIAN_CHI2_1, MEDIAN_CHI2_2
 
-_MEDIAN_CHI2_1 = 0.4549
-_MEDIAN_CHI2_2 = 1.3863
 _MIN_SIGHTINGS = 4            # of a landmark: fewer take the shape of its noise
 _MIN_FOR_SCALE = 50           # sightings from which a noise scale may be read
 
@@ -42,9 +41,9 @@ def noise_ratios(start, r, chi2, whitening, width):  # type: ignore[no-untyped-d
                     deep += 1
     ratio_uv = ratio_rho = 1.0
     if found >= _MIN_FOR_SCALE:
-        ratio_uv = np.median(uv[:found]) / _MEDIAN_CHI2_2
+        ratio_uv = np.median(uv[:found]) / MEDIAN_CHI2_2
         if deep >= _MIN_FOR_SCALE:
-            ratio_rho = np.median(rho[:deep]) / _MEDIAN_CHI2_1
+            ratio_rho = np.median(rho[:deep]) / MEDIAN_CHI2_1
     return ratio_uv, ratio_rho
 
 

@@ -23,6 +23,11 @@ from slam.geometry.arrays import Array
 from slam.residuals import camera_tuple
 from slam.types import Intrinsics
 
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e4
+_EASE, _BRAKE = 0.1, 30.0    # damping after a step that helped, and after one that did not
+_ENDED = 1e-4                # of the cost: a step that gains less is the last
+_CUT_CHI2 = 1.5              # times the square of the tracker's gate
+
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
@@ -45,13 +50,12 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
     if len(points) + len(lines) == 0:
         return
     keyframes = in_narrow_order(sorted([*free, *fixed], key=lambda k: k.number), map_)
-    rows = _collect(keyframes, points, lines, map_)
+    rows, seen = _collect(keyframes, points, lines, map_, camera, config)
     held = np.array([k in fixed for k in keyframes])
     if not held.any():
         held[np.argmin([k.number for k in keyframes])] = True     # the oldest carries the world
     T = np.array([k.T_world_camera for k in keyframes])
     xyz = np.concatenate([map_.points.xyz[points, 0], map_.lines.xyz[lines].reshape(-1, 3)])
-    seen = _measure(keyframes, lines, map_, rows, camera, config)
     T, xyz, chi2 = _levenberg_marquardt(T, xyz, rows, seen, held, camera, config, iterations)
     if not (np.isfinite(T).all() and np.isfinite(xyz).all()):
         return
@@ -61,7 +65,7 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
     map_.points.xyz[points, 0] = xyz[:len(points)]
     map_.lines.xyz[lines] = xyz[len(points):].reshape(-1, 2, 3)
     if cut_outliers:
-        _cut(keyframes, rows, chi2 > config.track.gate**2 * 1.5)
+        _cut(map_, keyframes, rows, chi2 > _CUT_CHI2 * config.track.gate**2)
 
 
 def adjust_all(map_: PointLineMap, camera: Intrinsics, config: DplConfig, iterations: int
@@ -89,45 +93,40 @@ def in_narrow_order(keyframes: list[Keyframe], map_: PointLineMap) -> list[Keyfr
     return [keyframes[i] for i in order]
 
 
-def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: PointLineMap) -> _Rows:
-    """All sightings of these landmarks, by landmark and then by keyframe."""
-    point_row = np.full(map_.points.count + 1, -1, np.int64)
+def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: PointLineMap,
+             camera: Intrinsics, config: DplConfig) -> tuple[_Rows, Sightings]:
+    """All sightings of these landmarks, by landmark and then by keyframe.
+
+    The feet of line ends are those at the poses as they are.
+    """
+    point_row = np.full(map_.points.count + 1, -1, np.int64)     # the last row answers −1
     line_row = np.full(map_.lines.count + 1, -1, np.int64)
     point_row[points], line_row[lines] = np.arange(len(points)), np.arange(len(lines))
     pose, landmark, feature, is_point = [], [], [], []
+    measured: list[Sightings] = []
     for i, keyframe in enumerate(keyframes):
         p, q = point_row[keyframe.point_of], line_row[keyframe.line_of]
         fp, fq = np.flatnonzero(p >= 0), np.flatnonzero(q >= 0)
-        ends = len(points) + 2 * q[fq]
-        landmark.append(np.concatenate([p[fp], ends, ends + 1]))
-        feature.append(np.concatenate([fp, fq, fq]))
-        is_point.append(np.arange(len(fp) + 2 * len(fq)) < len(fp))
+        ends = len(points) + 2 * q[fq, None] + [0, 1]            # both of a line stand together
+        landmark.append(np.concatenate([p[fp], ends.reshape(-1)]))
+        feature.append(np.concatenate([fp, np.repeat(fq, 2)]))
+        is_point.append(np.arange(len(landmark[-1])) < len(fp))
         pose.append(np.full(len(landmark[-1]), i, np.int64))
+        measured += _measured(keyframe, fp, fq, map_, camera, config)
     whole = [np.concatenate(part) for part in (pose, landmark, feature, is_point)]
-    order = np.lexsort((whole[0], whole[1]))
-    return _Rows(*(part[order] for part in whole))
+    order, seen = np.lexsort((whole[0], whole[1])), joined(*measured)
+    return (_Rows(*(part[order] for part in whole)),
+            Sightings(seen.uv_px[order], seen.whitening[order], seen.rho[order]))
 
 
-def _measure(keyframes: list[Keyframe], lines: Array, map_: PointLineMap, rows: _Rows,
-             camera: Intrinsics, config: DplConfig) -> Sightings:
-    """The measurements in the order of `rows`; feet of line ends at the poses as they are."""
+def _measured(keyframe: Keyframe, points: Array, lines: Array, map_: PointLineMap,
+              camera: Intrinsics, config: DplConfig) -> tuple[Sightings, Sightings]:
+    """What a keyframe's points (P,) and lines (Q,), rows of features, measure."""
     c, sigma_rho = config.track, config.depth.inverse_depth_sigma
-    parts, places = [], []
-    for i, keyframe in enumerate(keyframes):
-        mine = np.flatnonzero((rows.pose == i) & rows.is_point)
-        parts.append(of_points(keyframe.features.points[rows.feature[mine]], c.point_sigma_px,
-                               config.orb.scale, sigma_rho))
-        ends = np.flatnonzero((rows.pose == i) & ~rows.is_point)
-        of_line = np.lexsort((rows.landmark[ends], rows.feature[ends]))
-        ends = ends[of_line]                      # both ends of a line stand together
-        seen = keyframe.features.lines[rows.feature[ends[::2]]]
-        world = map_.lines.xyz[keyframe.line_of[rows.feature[ends[::2]]]]
-        parts.append(of_line_ends(world, seen, keyframe.T_world_camera, camera, c.line_sigma_px,
-                                  sigma_rho))
-        places += [mine, ends]
-    order = np.argsort(np.concatenate(places), kind="stable")
-    whole = joined(*parts)
-    return Sightings(whole.uv_px[order], whole.whitening[order], whole.rho[order])
+    return (of_points(keyframe.features.points[points], c.point_sigma_px, config.orb.scale,
+                      sigma_rho),
+            of_line_ends(map_.lines.xyz[keyframe.line_of[lines]], keyframe.features.lines[lines],
+                         keyframe.T_world_camera, camera, c.line_sigma_px, sigma_rho))
 
 
 def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, held: Array,
@@ -150,7 +149,7 @@ def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, hel
         return cost, chi2
 
     cost, chi2 = cost_at(T, xyz, work)
-    damping = 1e-4
+    damping = _FIRST_DAMPING
     for _ in range(iterations):
         S, g = np.zeros((F, band, 6, 6)), np.zeros((F, 6))
         inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
@@ -163,22 +162,26 @@ def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, hel
             tried = T @ se3.exp(step), xyz + moved
             cost_try, chi2_try = cost_at(*tried, trial)
         if step is None or not cost_try < cost:
-            damping *= 30.0
-            if damping > 1e4:
+            damping *= _BRAKE
+            if damping > _MOST_DAMPING:
                 break
             continue
-        ended = cost - cost_try < 1e-4 * cost
+        ended = cost - cost_try < _ENDED * cost
         (T, xyz), cost, chi2 = tried, cost_try, chi2_try
         work, trial = trial, work
-        damping = max(damping * 0.1, 1e-9)
+        damping = max(damping * _EASE, _LEAST_DAMPING)
         if ended:
             break
     return se3.orthonormalised(T), xyz, chi2
 
 
-def _cut(keyframes: list[Keyframe], rows: _Rows, bad: Array) -> None:
+def _cut(map_: PointLineMap, keyframes: list[Keyframe], rows: _Rows, bad: Array) -> None:
     """Take sightings that do not fit off their keyframes; a line with one bad end goes whole."""
-    for i, keyframe in enumerate(keyframes):
-        mine = bad & (rows.pose == i)
-        keyframe.point_of[rows.feature[mine & rows.is_point]] = -1
-        keyframe.line_of[rows.feature[mine & ~rows.is_point]] = -1
+    at = np.flatnonzero(bad)
+    for i in np.unique(rows.pose[at]):
+        mine = at[rows.pose[at] == i]
+        feature, is_point = rows.feature[mine], rows.is_point[mine]
+        point_of, line_of = keyframes[i].point_of.copy(), keyframes[i].line_of.copy()
+        point_of[feature[is_point]], line_of[feature[~is_point]] = -1, -1
+        map_.see_points(keyframes[i], point_of)
+        map_.see_lines(keyframes[i], line_of)

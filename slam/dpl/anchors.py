@@ -22,6 +22,7 @@ from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.frontend.surface import carried, fit_surfaces
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.spread import sigma_of_distances
 from slam.types import Intrinsics
 
 
@@ -127,7 +128,7 @@ def reweighed(points: KeyPoints, which: Array, residual_px: Array, assumed_px: f
         return points
     assert points.whitening is not None
     own = covariance_of(points.whitening[which]) - assumed_px**2 * np.eye(2)
-    spread = 1.4826 * float(np.median(np.abs(residual_px)))
+    spread = sigma_of_distances(residual_px)
     own_variance = float(np.median(0.5 * (own[:, 0, 0] + own[:, 1, 1])))
     sigma = max(np.sqrt(max(spread**2 - own_variance, 0.0)), least_px)
     whitening = points.whitening.copy()

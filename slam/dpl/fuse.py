@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.dpl.keyframes import Keyframe, PointLineMap
+from slam.dpl.keyframes import PointLineMap
 from slam.dpl.landmarks import Landmarks
 from slam.dpl.loop_verify import Loop
 from slam.dpl.track import PoseTracker
@@ -26,19 +26,24 @@ def fuse(map_: PointLineMap, loop: Loop, tracker: PoseTracker) -> None:
             fit = tracker.fit(keyframe.T_world_camera, seen.pairs, features)
             if fit.inliers < tracker.config.track.min_inliers:
                 continue
-            _join(map_, map_.points, keyframe, "point_of", seen.pairs.point[fit.point_fits],
-                  seen.points[fit.point_fits])
-            _join(map_, map_.lines, keyframe, "line_of", seen.pairs.line[fit.line_fits],
-                  seen.lines[fit.line_fits])
+            point, line = seen.pairs.point[fit.point_fits], seen.pairs.line[fit.line_fits]
+            of_points, of_lines = seen.points[fit.point_fits], seen.lines[fit.line_fits]
+            own_points, own_lines = keyframe.point_of[point], keyframe.line_of[line]
+            map_.see_points(keyframe, _completed(keyframe.point_of, point, of_points))
+            map_.see_lines(keyframe, _completed(keyframe.line_of, line, of_lines))
+            _merge(map_, map_.points, own_points, of_points)
+            _merge(map_, map_.lines, own_lines, of_lines)
 
 
-def _join(map_: PointLineMap, table: Landmarks, keyframe: Keyframe, name: str, feature: Array,
-          landmark: Array) -> None:
-    """Features of a keyframe are these landmarks; those they were before are the same things."""
-    of = getattr(keyframe, name)
-    own = of[feature]
-    there = np.isin(landmark, of)                 # the keyframe sees it already, elsewhere or here
-    blank = (own < 0) & ~there
-    of[feature[blank]] = landmark[blank]
+def _completed(of: Array, feature: Array, landmark: Array) -> Array:
+    """Landmarks by feature, with those that features without one turn out to be."""
+    blank = (of[feature] < 0) & ~np.isin(landmark, of)   # not seen already by another feature
+    out = of.copy()
+    out[feature[blank]] = landmark[blank]
+    return out
+
+
+def _merge(map_: PointLineMap, table: Landmarks, own: Array, landmark: Array) -> None:
+    """What features were so far (N,) and what they turn out to be (N,) are the same things."""
     twice = (own >= 0) & (own != landmark)
     map_.merge(table, own[twice], landmark[twice])

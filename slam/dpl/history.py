@@ -75,7 +75,7 @@ class FrameHistory:
         hangs = (-1, T) if keyframe is None else (
             keyframe.number, se3.inverse(keyframe.T_world_camera) @ T)
         self._rows.append(_Row(frame.stamp_s, status, *hangs))
-        points, segments, inliers = _used(tracked)
+        points, segments, inliers = _used(tracked, self._map)
         return FrameEstimate(frame.index, frame.stamp_s, T, se3.orthonormalised(step),
                              status=status, reason=reason, timings_ms=timings, points=points,
                              segments=segments, inliers=inliers)
@@ -102,15 +102,15 @@ class FrameHistory:
             points_world=points.xyz[points.alive, 0], lines_world=lines.xyz[lines.alive])
 
 
-def _used(tracked: TrackedFrame | None
+def _used(tracked: TrackedFrame | None, map_: PointLineMap
           ) -> tuple[Points2D | None, Segments2D | None, dict[str, int]]:
     """The features that stood for landmarks, for pictures and statistics."""
     if tracked is None:
         return None, None, {}
     points, lines = tracked.features.points, tracked.features.lines
     p, q = np.flatnonzero(tracked.point_of >= 0), np.flatnonzero(tracked.line_of >= 0)
-    return (Points2D(points.uv_px[p], points.depth_m[p], tracked.point_of[p],
-                     np.zeros(len(p), np.int32)),
-            Segments2D(lines.ends_px[q], lines.depth_m[q], tracked.line_of[q],
-                       np.zeros(len(q), np.int32)),
+    point_id, line_id = (map_.points.identity[tracked.point_of[p]],
+                         map_.lines.identity[tracked.line_of[q]])
+    return (Points2D(points.uv_px[p], points.depth_m[p], point_id, np.zeros(len(p), np.int32)),
+            Segments2D(lines.ends_px[q], lines.depth_m[q], line_id, np.zeros(len(q), np.int32)),
             {"points": len(p), "lines": len(q)})

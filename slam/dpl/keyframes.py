@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from slam.dpl.features import Features, no_lines, no_points
 from slam.dpl.landmarks import Landmarks
+from slam.dpl.observers import Observers
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 
@@ -21,21 +22,21 @@ class Keyframe:
     T_world_camera: Array    # (4, 4)
     features: Features
     point_of: Array          # (N,) int64 row of the map point each key point is, −1: none
-    line_of: Array           # (L,) the same of map lines
+    line_of: Array           # (L,) the same of map lines; both written by the map alone
     part: int = 0            # of the map: 1 and on begin where tracking had been lost
     alive: bool = True
     parent: int = -1         # of a dead keyframe: the one it hangs on
     T_parent: Array = field(default_factory=lambda: np.eye(4))   # T_parent_camera, then
 
 
-@dataclass(slots=True)
 class PointLineMap:
-    """Keyframes with map points and lines."""
+    """Keyframes with map points and lines, and who sees which."""
 
-    points: Landmarks = field(default_factory=lambda: Landmarks(1))
-    lines: Landmarks = field(default_factory=lambda: Landmarks(2))
-    keyframes: list[Keyframe] = field(default_factory=list)
-    part: int = -1           # the one that grows
+    def __init__(self) -> None:
+        self.points, self.lines = Landmarks(1), Landmarks(2)
+        self.keyframes: list[Keyframe] = []
+        self.part = -1           # the one that grows
+        self.point_observers, self.line_observers = Observers(), Observers()
 
     def begin_part(self) -> None:
         """What comes is not tied to what was: tracking had been lost."""
@@ -43,29 +44,55 @@ class PointLineMap:
 
     def add_keyframe(self, frame: int, T_world_camera: Array, features: Features,
                      point_of: Array, line_of: Array) -> Keyframe:
+        nothing = np.full(len(point_of), -1), np.full(len(line_of), -1)
         keyframe = Keyframe(len(self.keyframes), frame, np.array(T_world_camera), features,
-                            np.array(point_of), np.array(line_of), self.part)
+                            *nothing, self.part)
         self.keyframes.append(keyframe)
+        self.see_points(keyframe, point_of)
+        self.see_lines(keyframe, line_of)
         return keyframe
+
+    def see_points(self, keyframe: Keyframe, point_of: Array) -> None:
+        """From now on the keyframe's points are these landmarks (N,), −1: none."""
+        _change(self.point_observers, keyframe.number, keyframe.point_of, point_of)
+        keyframe.point_of = np.array(point_of)
+
+    def see_lines(self, keyframe: Keyframe, line_of: Array) -> None:
+        """From now on the keyframe's lines are these landmarks (L,), −1: none."""
+        _change(self.line_observers, keyframe.number, keyframe.line_of, line_of)
+        keyframe.line_of = np.array(line_of)
 
     def drop_keyframe(self, keyframe: Keyframe) -> None:
         """A keyframe dies; it stays where it is as seen from the one that shares most with it.
 
-        Of what it saw nothing is kept.
-        """
-        near = self.neighbours(keyframe, 1, at_least=1)
-        parent = near[0] if near else self.keyframes[keyframe.number - 1]
-        keyframe.alive, keyframe.parent = False, parent.number
-        keyframe.T_parent = se3.inverse(self.pose(parent.number)) @ keyframe.T_world_camera
-        keyframe.features = Features(no_points(), no_lines())
-        keyframe.point_of = keyframe.line_of = np.zeros(0, np.int64)
+        Where none shares anything with it, that is the living one next to it in time. Of what it
+        saw nothing is kept.
 
-    def pose(self, number: int) -> Array:
-        """T_world_camera (4, 4) of a keyframe, dead ones where their parents have taken them."""
+        Raises:
+            ValueError: no other keyframe is alive.
+        """
+        near = self.neighbours(keyframe, 1, at_least=1) or sorted(
+            (k for k in self.living() if k is not keyframe),
+            key=lambda k: abs(k.number - keyframe.number))
+        if not near:
+            raise ValueError("the last living keyframe of a map cannot be dropped")
+        keyframe.alive, keyframe.parent = False, near[0].number
+        keyframe.T_parent = se3.inverse(near[0].T_world_camera) @ keyframe.T_world_camera
+        keyframe.features = Features(no_points(), no_lines())
+        self.see_points(keyframe, np.zeros(0, np.int64))
+        self.see_lines(keyframe, np.zeros(0, np.int64))
+
+    def holder(self, number: int) -> tuple[Keyframe, Array]:
+        """The living keyframe that a keyframe is or hangs on, and T_holder_keyframe (4, 4)."""
         keyframe, T = self.keyframes[number], np.eye(4)
         while not keyframe.alive:
             T = keyframe.T_parent @ T
             keyframe = self.keyframes[keyframe.parent]
+        return keyframe, T
+
+    def pose(self, number: int) -> Array:
+        """T_world_camera (4, 4) of a keyframe, dead ones where their parents have taken them."""
+        keyframe, T = self.holder(number)
         return keyframe.T_world_camera @ T
 
     def poses(self) -> Array:
@@ -80,6 +107,10 @@ class PointLineMap:
 
     def living(self) -> list[Keyframe]:
         return [k for k in self.keyframes if k.alive]
+
+    def newest(self) -> Keyframe:
+        """The living keyframe that was added last."""
+        return next(k for k in reversed(self.keyframes) if k.alive)
 
     def follow_references(self, before: Array, after: Array, point_rows: Array,
                           line_rows: Array) -> None:
@@ -106,23 +137,32 @@ class PointLineMap:
         np.add.at(table.found, oldest[gone], table.found[gone])
         np.add.at(table.visible, oldest[gone], table.visible[gone])
         new = np.append(oldest, -1)               # the last row answers −1
-        name = "point_of" if table is self.points else "line_of"
-        for keyframe in self.keyframes:
-            setattr(keyframe, name, _each_once(new[getattr(keyframe, name)]))
+        observers, see, name = ((self.point_observers, self.see_points, "point_of")
+                                if table is self.points else
+                                (self.line_observers, self.see_lines, "line_of"))
+        for number in np.unique(observers.of(gone)):
+            keyframe = self.keyframes[number]
+            see(keyframe, _each_once(new[getattr(keyframe, name)]))
 
-    def forget_dead(self, keyframe: Keyframe) -> None:
-        """Drop a keyframe's sightings of landmarks that are gone."""
-        for of, table in ((keyframe.point_of, self.points), (keyframe.line_of, self.lines)):
-            held = of >= 0
-            of[held] = np.where(table.alive[of[held]], of[held], -1)
+    def forget_landmarks(self, point_rows: Array, line_rows: Array) -> None:
+        """These landmarks are gone: nobody sees them, and their rows may be had by new ones."""
+        gone_points = np.zeros(self.points.count + 1, bool)      # the last row answers −1
+        gone_lines = np.zeros(self.lines.count + 1, bool)
+        gone_points[point_rows], gone_lines[line_rows] = True, True
+        for number in np.unique(self.point_observers.of(point_rows)):
+            of = self.keyframes[number].point_of
+            self.see_points(self.keyframes[number], np.where(gone_points[of], -1, of))
+        for number in np.unique(self.line_observers.of(line_rows)):
+            of = self.keyframes[number].line_of
+            self.see_lines(self.keyframes[number], np.where(gone_lines[of], -1, of))
+        self.points.remove(point_rows)
+        self.lines.remove(line_rows)
 
     def covisible(self, point_rows: Array, line_rows: Array) -> Array:
-        """(K,) how many of these landmarks each keyframe sees; dead keyframes see none."""
-        is_point = np.zeros(self.points.count + 1, bool)     # the last row answers −1
-        is_line = np.zeros(self.lines.count + 1, bool)
-        is_point[point_rows], is_line[line_rows] = True, True
-        return np.array([np.count_nonzero(is_point[k.point_of]) + np.count_nonzero(
-            is_line[k.line_of]) if k.alive else 0 for k in self.keyframes], dtype=np.int64)
+        """(K,) how many of these landmarks, each named once, each keyframe sees."""
+        seeing = np.concatenate([self.point_observers.of(point_rows),
+                                 self.line_observers.of(line_rows)])
+        return np.bincount(seeing, minlength=len(self.keyframes))
 
     def neighbours(self, keyframe: Keyframe, count: int, at_least: int = 15) -> list[Keyframe]:
         """The other keyframes that see most of what this one sees, best first."""
@@ -151,6 +191,12 @@ def shared_landmarks(map_: PointLineMap, keyframes: list[Keyframe]) -> Array:
     at = np.concatenate(rows), np.concatenate(columns)
     sees = csr_array((np.ones(len(at[0]), np.int32), at), shape=(len(keyframes), width))
     return np.asarray((sees @ sees.T).toarray())
+
+
+def _change(observers: Observers, keyframe: int, before: Array, after: Array) -> None:
+    seen, sees = unique_rows([before]), unique_rows([after])
+    observers.remove(np.setdiff1d(seen, sees, assume_unique=True), keyframe)
+    observers.add(np.setdiff1d(sees, seen, assume_unique=True), keyframe)
 
 
 def _each_once(of: Array) -> Array:

@@ -15,6 +15,7 @@ class Landmarks:
         self._positions = positions
         self.count = 0
         self._free = np.zeros(0, np.int64)           # rows whose landmarks are gone
+        self._made = 0                               # landmarks so far
         self._make(1024)
 
     def _make(self, size: int) -> None:
@@ -24,6 +25,7 @@ class Landmarks:
         self._distance = np.ones(size)               # m from the camera, there
         self._normal = np.zeros((size, 3))           # unit, from the landmark to that camera
         self._alive = np.zeros(size, bool)
+        self._identity = np.zeros(size, np.int64)    # never another landmark's, as a row may be
         self._born = np.zeros(size, np.int64)        # number of the keyframe that made it
         self._reference = np.zeros(size, np.int64)   # number of the keyframe it follows (eq. 1)
         self._found = np.ones(size, np.int64)        # frames that used it
@@ -36,6 +38,7 @@ class Landmarks:
     distance = property(lambda self: self._distance[:self.count])
     normal = property(lambda self: self._normal[:self.count])
     alive = property(lambda self: self._alive[:self.count])
+    identity = property(lambda self: self._identity[:self.count])
     born = property(lambda self: self._born[:self.count])
     reference = property(lambda self: self._reference[:self.count])
     found = property(lambda self: self._found[:self.count])
@@ -54,12 +57,20 @@ class Landmarks:
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         self._distance[rows], self._normal[rows] = length, away / length[:, None]
         self._alive[rows] = True
+        self._identity[rows] = self._made + np.arange(len(rows))
+        self._made += len(rows)
         self._born[rows] = self._reference[rows] = keyframe
         self._found[rows] = self._visible[rows] = 1
         return rows
 
-    def reuse_dead(self) -> None:
-        """Nothing refers to landmarks that are gone any more: their rows may be had by new ones."""
+    def count_use(self, in_view: Array, used: Array) -> None:
+        """A frame should have seen the landmarks `in_view` (N,), and its pose used these (M,)."""
+        self._visible[in_view] += 1
+        self._found[used] += 1
+
+    def remove(self, rows: Array) -> None:
+        """Landmarks (N,) that nothing refers to any more; their rows may be had by new ones."""
+        self._alive[rows] = False
         self._free = np.flatnonzero(~self.alive)
 
     def _grow(self, more: int) -> None:

@@ -74,8 +74,8 @@ def _edges(map_: PointLineMap, living: list[Keyframe], row: Array, T: Array, loo
     robust = np.arange(len(a)) >= len(step)
     part = np.array([k.part for k in living])
     loose = np.where(part[a] == part[b], 1.0, _LOOSE)
-    ends = [(row[x.old.number], row[x.keyframe.number], x.T_old_keyframe) for x in loops
-            if x.old.alive and x.keyframe.alive]
+    ends = [(row[a], row[b], T_a_b) for a, b, T_a_b in (between_living(map_, x) for x in loops)
+            if a != b]
     a = np.concatenate([a, [e[0] for e in ends]]).astype(np.int64)
     b = np.concatenate([b, [e[1] for e in ends]]).astype(np.int64)
     measured = np.concatenate([measured, [e[2] for e in ends]])
@@ -84,6 +84,15 @@ def _edges(map_: PointLineMap, living: list[Keyframe], row: Array, T: Array, loo
     sigma = np.stack([_TURN_RAD + _TURN_SHARE * se3.rotation_angle(measured[:, :3, :3]),
                       _WAY_M + _WAY_SHARE * np.linalg.norm(measured[:, :3, 3], axis=1)], axis=1)
     return PoseEdges(a, b, measured, sigma * loose[:, None], robust)
+
+
+def between_living(map_: PointLineMap, loop: Loop) -> tuple[int, int, Array]:
+    """Numbers a, b of the living keyframes that a loop ties, and T_a_b (4, 4).
+
+    A keyframe that is gone hangs on another one, and so does what it measured.
+    """
+    (a, T_a_old), (b, T_b_new) = (map_.holder(k.number) for k in (loop.old, loop.keyframe))
+    return a.number, b.number, T_a_old @ loop.T_old_keyframe @ se3.inverse(T_b_new)
 
 
 def bent(T_world_camera: Array, old: int, new: int, T_old_new: Array) -> Array:

@@ -8,14 +8,18 @@ from slam.dpl.adjust import adjust
 from slam.dpl.config import DplConfig
 from slam.dpl.keyframes import Keyframe, PointLineMap
 from slam.dpl.landmarks import Landmarks
+from slam.dpl.observers import Observers
 from slam.dpl.track import TrackedFrame
 from slam.dpl.triangulate import triangulate_pairs
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import back_project, project
+from slam.geometry.segment import unit_normals
 from slam.types import Intrinsics
 
 _YOUNG = 3               # keyframes during which a landmark must prove itself
+_PARTNERS = 3            # neighbours with which features without depth are triangulated
+_HOLDERS = 3             # other keyframes in which a point is seen often
 
 
 class LocalMapper:
@@ -32,7 +36,7 @@ class LocalMapper:
         self._add_points(map_, keyframe)
         self._add_lines(map_, keyframe)
         neighbours = map_.neighbours(keyframe, self.config.mapping.window - 1)
-        triangulate_pairs(map_, keyframe, neighbours[:3], self.camera, self.config)
+        triangulate_pairs(map_, keyframe, neighbours[:_PARTNERS], self.camera, self.config)
         self.adjust_around(map_, keyframe)
         self._choose_references(map_, keyframe)
         self._cull_keyframes(map_, neighbours)
@@ -61,8 +65,10 @@ class LocalMapper:
         T = keyframe.T_world_camera
         xyz = se3.transform_points(T, back_project(self.camera, points.uv_px[new],
                                                    points.depth_m[new]))
-        keyframe.point_of[new] = map_.points.add(xyz[:, None], points.descriptor[new],
-                                                 points.level[new], T[:3, 3], keyframe.number)
+        point_of = keyframe.point_of.copy()
+        point_of[new] = map_.points.add(xyz[:, None], points.descriptor[new], points.level[new],
+                                        T[:3, 3], keyframe.number)
+        map_.see_points(keyframe, point_of)
 
     def _add_lines(self, map_: PointLineMap, keyframe: Keyframe) -> None:
         lines = keyframe.features.lines
@@ -71,28 +77,22 @@ class LocalMapper:
         T = keyframe.T_world_camera
         ends = se3.transform_points(T, back_project(
             self.camera, lines.ends_px[new], lines.depth_m[new]).reshape(-1, 3)).reshape(-1, 2, 3)
-        keyframe.line_of[new] = map_.lines.add(ends, lines.descriptor[new],
-                                               np.zeros(len(new), np.int32), T[:3, 3],
-                                               keyframe.number)
+        line_of = keyframe.line_of.copy()
+        line_of[new] = map_.lines.add(ends, lines.descriptor[new], np.zeros(len(new), np.int32),
+                                      T[:3, 3], keyframe.number)
+        map_.see_lines(keyframe, line_of)
 
     def _cull_landmarks(self, map_: PointLineMap, now: int) -> None:
         """Landmarks that are seldom found where they should be seen, or seen once only, go."""
-        recent = map_.keyframes[-(_YOUNG + 2):]
-        self._cull(map_.points, [k.point_of for k in recent], now)
-        self._cull(map_.lines, [k.line_of for k in recent], now)
-        for keyframe in map_.keyframes:
-            map_.forget_dead(keyframe)
-        map_.points.reuse_dead()
-        map_.lines.reuse_dead()
+        map_.forget_landmarks(self._unproven(map_.points, map_.point_observers, now),
+                              self._unproven(map_.lines, map_.line_observers, now))
 
-    def _cull(self, table: Landmarks, recent: list[Array], now: int) -> None:
-        """Mark what goes; `recent` are the landmarks' rows in the last keyframes."""
+    def _unproven(self, table: Landmarks, observers: Observers, now: int) -> Array:
+        """(N,) rows of the landmarks that go."""
         seldom = table.found < self.config.mapping.min_found_share * table.visible
-        sightings = np.zeros(table.count, np.int64)
-        for of in recent:
-            np.add.at(sightings, of[of >= 0], 1)
-        lonely = (now - table.born == _YOUNG) & (sightings < 2)
-        table.alive[seldom | lonely] = False
+        tried = np.flatnonzero(table.alive & (now - table.born == _YOUNG))
+        lonely = tried[observers.count(tried) < 2]
+        return np.union1d(np.flatnonzero(table.alive & seldom), lonely)
 
     def _choose_references(self, map_: PointLineMap, keyframe: Keyframe) -> None:
         """Reference keyframes of map lines: whoever sees the line widest and fits it well."""
@@ -131,17 +131,13 @@ class LocalMapper:
 
     def _cull_keyframes(self, map_: PointLineMap, neighbours: list[Keyframe]) -> None:
         """Neighbours whose points are nearly all seen by three others go."""
-        count = np.zeros(map_.points.count, np.int64)
-        for keyframe in map_.keyframes:
-            if keyframe.alive:
-                np.add.at(count, keyframe.point_of[keyframe.point_of >= 0], 1)
         for keyframe in neighbours:
             rows = keyframe.point_of[keyframe.point_of >= 0]
             if keyframe.number == 0 or not len(rows):
                 continue
-            if np.mean(count[rows] > 3) > self.config.mapping.redundant_share:
+            seen_often = map_.point_observers.count(rows) > _HOLDERS
+            if np.mean(seen_often) > self.config.mapping.redundant_share:
                 map_.drop_keyframe(keyframe)
-                count[rows] -= 1
 
 
 def line_misfit_px(ends_world: Array, ends_px: Array, T_world_camera: Array,
@@ -149,8 +145,6 @@ def line_misfit_px(ends_world: Array, ends_px: Array, T_world_camera: Array,
     """(N,) mean distance of the projected ends (N, 2, 3) from the seen segments' lines."""
     xyz = se3.transform_points(se3.inverse(T_world_camera), ends_world.reshape(-1, 3))
     uv = project(camera, xyz).reshape(-1, 2, 2)
-    along = ends_px[:, 1] - ends_px[:, 0]
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    gap = np.abs(np.sum((uv - ends_px[:, :1]) * normal[:, None], axis=2)).mean(axis=1)
+    normal = unit_normals(ends_px)[:, None]
+    gap = np.abs(np.sum((uv - ends_px[:, :1]) * normal, axis=2)).mean(axis=1)
     return np.where(np.isfinite(gap), gap, np.inf)

@@ -25,13 +25,19 @@ from slam.frontend.sampling import nearest
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import back_project, project
+from slam.geometry.segment import unit_normals
+from slam.spread import MEDIAN_CHI2_2, sigma_of_distances, sigma_of_lengths
 from slam.types import Boxes2D, Intrinsics
 
 _MIN_OUTSIDE = 40        # corners outside all boxes that may tell the camera's motion alone
-_MIN_FOR_MOTION = 12
+_MIN_FOR_MOTION = 12     # corners with depth
 _JUDGES = 120            # corners that tell the motion, spread over the image
 _ROUNDS = 4              # renewals of the noise measured
-_MEDIAN_CHI2_2 = 1.3863
+_FIRST_SIGMA_PX = 0.5    # before
+_LEAST_RATIO = 0.06      # of the variance measured to the one assumed, in one round
+_KERNEL, _ITERATIONS = 2.0, 8            # of each round's fit
+_RANSAC_PX, _RANSAC_TRIES, _RANSAC_CONFIDENCE = 1.5, 100, 0.999
+_BLUR_SIGMAS = 3.0       # of the depth, that may shift a corner
 _SMALLEST_SIGMA_PX = 0.05
 _RING = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0]), axis=-1).reshape(9, 2)
 _ONE_SURFACE = 1.1       # largest ratio of depths around a corner that lies on one surface
@@ -120,7 +126,7 @@ class MoverCuller:
         F = fundamental(a[judges], b[judges], c.epipolar_px)
         if F is not None:
             distance = epipolar_distance(F, a, b)
-            moved = distance > self._limit(distance[judges])
+            moved = distance > self._limit(sigma_of_distances(_finite(distance[judges])))
         if c.depth_aware:
             known, by_depth = self._by_depth(before, a, b, across, depth_m, judges, T_a_b)
             # Where the whole shift is known, it outdoes eq. (4), which sees one part of it.
@@ -152,37 +158,36 @@ class MoverCuller:
             gap = np.where(np.isfinite(across[:, 0]), np.abs(np.sum(off * across, axis=1)),
                            np.linalg.norm(off, axis=1))
             # The pixel's shift by an error of inverse depth: f |t| at most, per unit of it.
-            blur = 3.0 * sigma * self.camera.fx * np.linalg.norm(T_a_b[:3, 3])
+            blur = _BLUR_SIGMAS * sigma * self.camera.fx * np.linalg.norm(T_a_b[:3, 3])
             rho_b = 1.0 / np.where(xyz_b[:, 2] > 0, xyz_b[:, 2], np.inf)
             far_off = c.depth_sigmas * sigma
             surface = (near_b > 0) & (far_b <= _ONE_SURFACE * near_b)
             leaves = surface & ((rho_b > 1.0 / np.where(surface, near_b, 1.0) + far_off)
                                 | (rho_b < 1.0 / np.where(surface, far_b, 1.0) - far_off))
-            return known, ~(gap <= self._limit(gap[use]) + blur) | leaves
+            limit = self._limit(sigma_of_lengths(_finite(gap[use])))
+            return known, ~(gap <= limit + blur) | leaves
 
-    def _limit(self, distance_px: Array) -> float:
+    def _limit(self, sigma_px: float) -> float:
         """How far off a corner may be: blur and rolling shutter spread even what stands still."""
-        c = self.config.cull
-        finite = distance_px[np.isfinite(distance_px)]
-        spread = 1.4826 * float(np.median(finite)) if len(finite) else 0.0
-        return max(c.epipolar_px, c.spreads * spread)
+        return max(self.config.cull.epipolar_px, self.config.cull.spreads * sigma_px)
 
     def _motion(self, xyz_a: Array, uv_b: Array, T_a_b: Array) -> Array:
         """The camera's motion that most pixels support: P3P in RANSAC, then refined."""
         found, rotation, translation, _ = cv2.solvePnPRansac(
-            xyz_a, uv_b, self.camera.matrix, None, iterationsCount=100, reprojectionError=1.5,
-            confidence=0.999, flags=cv2.SOLVEPNP_P3P)
+            xyz_a, uv_b, self.camera.matrix, None, iterationsCount=_RANSAC_TRIES,
+            reprojectionError=_RANSAC_PX, confidence=_RANSAC_CONFIDENCE, flags=cv2.SOLVEPNP_P3P)
         if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
             T_a_b = se3.inverse(se3.from_rotation_translation(
                 se3.exp_so3(rotation[:, 0]), translation[:, 0]))
-        n, sigma_px = len(uv_b), 0.5
+        n, sigma_px = len(uv_b), _FIRST_SIGMA_PX
         for _ in range(_ROUNDS):
             # A kernel wider than the noise lets a few corners of a mover pull on the rest.
             pixels = np.tile([1.0 / sigma_px, 0.0, 1.0 / sigma_px, 0.0], (n, 1))
             fit = refine_pose(T_a_b, xyz_a, Sightings(uv_b, pixels, np.zeros(n)), self.camera,
-                              2.0, 8)
+                              _KERNEL, _ITERATIONS)
             T_a_b = fit.T_world_camera
-            sigma_px *= float(np.sqrt(np.clip(np.median(fit.chi2) / _MEDIAN_CHI2_2, 0.06, 1.0)))
+            ratio = np.median(fit.chi2) / MEDIAN_CHI2_2
+            sigma_px *= float(np.sqrt(np.clip(ratio, _LEAST_RATIO, 1.0)))
             sigma_px = max(sigma_px, _SMALLEST_SIGMA_PX)
         return T_a_b
 
@@ -214,6 +219,12 @@ class MoverCuller:
         return still
 
 
+def _finite(distance_px: Array) -> Array:
+    """Those of them (N,) that are a number; none: a single 0."""
+    finite = distance_px[np.isfinite(distance_px)]
+    return finite if len(finite) else np.zeros(1)
+
+
 def _spread_out(judges: Array, uv_px: Array, shape: tuple[int, ...]) -> Array:
     """(N,) bool: some of the judges (N,), evenly over the image.
 
@@ -229,10 +240,8 @@ def _spread_out(judges: Array, uv_px: Array, shape: tuple[int, ...]) -> Array:
 def _across(ends_px: Array, corners: int) -> Array:
     """(N, 2) unit normals of the segments that ends belong to, along which they may slide; NaN
     for the corners before them, which may not."""
-    along = ends_px[:, 1] - ends_px[:, 0]
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    return np.concatenate([np.full((corners, 2), np.nan), np.repeat(normal, 2, axis=0)])
+    return np.concatenate([np.full((corners, 2), np.nan),
+                           np.repeat(unit_normals(ends_px), 2, axis=0)])
 
 
 def _depth_range(depth_m: Array, uv: Array) -> tuple[Array, Array]:

@@ -28,6 +28,11 @@ class TrackedFrame:
     point_of: Array          # (N,) int64 row of the map point, −1: none
     line_of: Array           # (L,) the same of map lines
 
+    @property
+    def held(self) -> int:
+        """Landmarks that are seen in it."""
+        return int(np.count_nonzero(self.point_of >= 0) + np.count_nonzero(self.line_of >= 0))
+
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
@@ -137,19 +142,6 @@ class PoseTracker:
         return ends, match_lines_near(uv, as_words(old.descriptor), features.lines.ends_px,
                                       as_words(features.lines.descriptor), radius_px,
                                       self.config.track.line_distance)
-
-    def against_map(self, map_: PointLineMap, point_rows: Array, line_rows: Array,
-                    features: Features, T_world_camera: Array, radius_px: float
-                    ) -> tuple[Pairs, Array, Array]:
-        """Pairs with landmarks that the pose should see; counts them as visible.
-
-        Returns:
-            pairs; the landmarks' rows of the points (P,) and lines (Q,).
-        """
-        seen = self.look_for(map_, point_rows, line_rows, features, T_world_camera, radius_px)
-        map_.points.visible[seen.points_in_view] += 1
-        map_.lines.visible[seen.lines_in_view] += 1
-        return seen.pairs, seen.points, seen.lines
 
     def look_for(self, map_: PointLineMap, point_rows: Array, line_rows: Array,
                  features: Features, T_world_camera: Array, radius_px: float) -> Seen:

@@ -31,7 +31,10 @@ def triangulate_pairs(map_: PointLineMap, keyframe: Keyframe, others: list[Keyfr
         rows = map_.points.add(xyz[good][:, None], keyframe.features.points.descriptor[a[good]],
                                keyframe.features.points.level[a[good]],
                                keyframe.T_world_camera[:3, 3], keyframe.number)
-        keyframe.point_of[a[good]], other.point_of[b[good]] = rows, rows
+        for seeing, feature in ((keyframe, a[good]), (other, b[good])):
+            point_of = seeing.point_of.copy()
+            point_of[feature] = rows
+            map_.see_points(seeing, point_of)
         added += len(rows)
     return added
 

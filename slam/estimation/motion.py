@@ -22,9 +22,9 @@ from slam.estimation.point_family import PointFamily
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches
+from slam.spread import MEDIAN_CHI2_1
 from slam.types import Intrinsics
 
-_MEDIAN_CHI2_1 = 0.4549        # median of χ² with one degree of freedom
 _SMALLEST_SCALE2 = 1e-8         # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
 _SAMPLE = 1000                 # points of a motion are enough for medians and first steps
@@ -177,7 +177,7 @@ class _Problem:
         ratio, count = _grouped_median(ratio, class_of, len(now2))
         flow, _ = _grouped_median(flow_part, class_of, len(now2))
         depth, _ = _grouped_median(depth_part, class_of, len(now2))
-        ratio /= _MEDIAN_CHI2_1
+        ratio /= MEDIAN_CHI2_1
         scale2 = (ratio * (now2 * flow + depth) - depth) / np.where(count > 0, flow, 1.0)
         scale2 = np.maximum(scale2, np.maximum(0.01 * now2 * np.minimum(ratio, 1.0),
                                                _SMALLEST_SCALE2))
@@ -196,7 +196,7 @@ class _Problem:
         static = f.m.group[sample[tested]] == 0
         if np.count_nonzero(static) < _MIN_FOR_SCALE:
             return
-        square = moved[tested] ** 2 / allowed[tested] * before[tested] / _MEDIAN_CHI2_1
+        square = moved[tested] ** 2 / allowed[tested] * before[tested] / MEDIAN_CHI2_1
         self.depth_scale2 = max(float(np.median(square[static])), _SMALLEST_SCALE2)
         medians, count = _grouped_median(square, self.point_tile[sample[tested]],
                                          len(self.tile_scale2))

@@ -18,8 +18,9 @@ from slam.dpl.memory import LandmarkMemory
 from slam.dpl.observe import FrameObserver
 from slam.dpl.picture import Picture
 from slam.dpl.recognise import PlaceIndex
+from slam.dpl.reference import Reference
 from slam.dpl.relocalise import places
-from slam.dpl.track import Fit, Pairs, PoseTracker, TrackedFrame
+from slam.dpl.track import Fit, PoseTracker, Seen, TrackedFrame
 from slam.geometry.arrays import Array
 from slam.systems.stopwatch import Stopwatch
 from slam.types import Frame, FrameEstimate, Intrinsics, SlamResult, Status
@@ -48,9 +49,8 @@ class DplSlam:
         self.history = FrameHistory(self.map)
         self.picture: Picture | None = None
         self.before: TrackedFrame | None = None
-        self.reference: Keyframe | None = None
+        self.reference: Reference | None = None
         self.lost_with_features = 0
-        self.most_held = 0       # landmarks in a frame since the reference keyframe
 
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame; never raises for what a frame shows."""
@@ -67,11 +67,11 @@ class DplSlam:
             return self._begin(frame, features, clock)
         if self.before is None:
             return self._recover(frame, features, clock)
-        tracked, fit = self._track(frame, self.before, features)
+        found = self._track(frame, self.before, features)
         clock.lap("track")
-        if tracked is None or fit is None:
+        if found is None:
             return self._lose(frame, features, "too few features fit the map", clock)
-        return self._keep(frame, tracked, fit, clock)
+        return self._keep(frame, *found, clock)
 
     def finish(self) -> SlamResult:
         """The whole run, each frame where its keyframe is now."""
@@ -86,10 +86,10 @@ class DplSlam:
             self._start_map(len(self.history), self.history.T_world_camera, features)
         clock.lap("map")
         if enough and not len(self.history):
-            return self.history.add(frame, np.eye(4), self.reference, Status.FIRST, "",
+            return self.history.add(frame, np.eye(4), self._leant_on(), Status.FIRST, "",
                                     clock.laps_ms())
         reason = "" if enough else "nothing to begin a map with: too few features with depth"
-        return self.history.add_lost(frame, self.reference, reason or "a map begins here",
+        return self.history.add_lost(frame, self._leant_on(), reason or "a map begins here",
                                      clock.laps_ms())
 
     def _start_map(self, row: int, T_world_camera: Array, features: Features) -> None:
@@ -109,14 +109,24 @@ class DplSlam:
         self.places.keep_only(np.array([k.alive for k in self.map.keyframes]))
         if self.config.loop.enabled:
             self._close_loop(keyframe)
-        self.reference, self.most_held = keyframe, 0
+        self.reference = Reference(keyframe, row)
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
+
+    def _leant_on(self) -> Keyframe | None:
+        return None if self.reference is None else self.reference.keyframe
 
     def _lean_on_reference(self) -> None:
         """The newest frame has become the reference keyframe, and goes where it goes."""
         assert self.reference is not None
-        self.history.moved_to(self.reference, self.reference.T_world_camera)
+        keyframe = self.reference.keyframe
+        self.history.moved_to(keyframe, keyframe.T_world_camera)
+
+    def _come_back(self, tracked: TrackedFrame) -> None:
+        """Lean on the keyframe that sees most of what is seen where the camera was found again."""
+        shared = self.map.covisible(tracked.point_of[tracked.point_of >= 0],
+                                    tracked.line_of[tracked.line_of >= 0])
+        self.reference = Reference(self.map.keyframes[int(np.argmax(shared))], len(self.history))
 
     def _close_loop(self, keyframe: Keyframe) -> None:
         """Where the keyframe shows a place from before, the map is corrected for it."""
@@ -127,7 +137,7 @@ class DplSlam:
                 return
 
     def _track(self, frame: Frame, before: TrackedFrame, features: Features
-               ) -> tuple[TrackedFrame | None, Fit | None]:
+               ) -> tuple[TrackedFrame, Seen] | None:
         c = self.config.track
         expected = before.T_world_camera @ self.history.expected_motion(frame.stamp_s)
         fit = pairs = None
@@ -141,23 +151,30 @@ class DplSlam:
                 break
         assert fit is not None
         if fit.inliers < c.min_inliers or fit.share < c.min_inlier_share:
-            return None, None
+            return None
         return self._against_map(features, fit.T_world_camera, point_rows[fit.point_fits],
                                  line_rows[fit.line_fits])
 
     def _against_map(self, features: Features, T_world_camera: Array, point_rows: Array,
-                     line_rows: Array) -> tuple[TrackedFrame | None, Fit | None]:
-        """The pose that the local map supports; `*_rows` are landmarks surely in view."""
+                     line_rows: Array) -> tuple[TrackedFrame, Seen] | None:
+        """The pose that the local map supports, and what of the map was looked for.
+
+        The map stays as it is.
+
+        Args:
+            point_rows, line_rows: landmarks surely in view.
+        """
         c = self.config.track
         shared = self.map.covisible(point_rows[point_rows >= 0], line_rows[line_rows >= 0])
         best = np.argsort(-shared, kind="stable")[:c.local_keyframes]
         local = [self.map.keyframes[i] for i in best if shared[i] > 0]
-        points, lines = self.map.landmarks_of(local or [self.map.keyframes[-1]])
-        pairs, p_rows, q_rows = self.tracker.against_map(self.map, points, lines, features,
-                                                         T_world_camera, c.local_search_px)
+        points, lines = self.map.landmarks_of(local or [self.map.newest()])
+        seen = self.tracker.look_for(self.map, points, lines, features, T_world_camera,
+                                     c.local_search_px)
+        pairs, p_rows, q_rows = seen.pairs, seen.points, seen.lines
         fit = self.tracker.fit(T_world_camera, pairs, features)
         if fit.inliers < c.min_inliers:
-            return None, None
+            return None
         T = fit.T_world_camera
         if self.config.anchors.enabled:
             assert self.picture is not None
@@ -168,40 +185,23 @@ class DplSlam:
         if self.config.anchors.enabled:
             features = self.memory.weigh(features, pairs, fit.point_fits, fit.T_world_camera)
             fit = self.tracker.fit(fit.T_world_camera, pairs, features, covariance)
-        return self._associated(features, pairs, fit, p_rows, q_rows), fit
+        return _associated(features, seen, fit), seen
 
-    def _associated(self, features: Features, pairs: Pairs, fit: Fit, p_rows: Array,
-                    q_rows: Array) -> TrackedFrame:
-        point_of = np.full(len(features.points), -1, np.int64)
-        line_of = np.full(len(features.lines), -1, np.int64)
-        point_of[pairs.point[fit.point_fits]] = p_rows[fit.point_fits]
-        line_of[pairs.line[fit.line_fits]] = q_rows[fit.line_fits]
-        self.map.points.found[p_rows[fit.point_fits]] += 1
-        self.map.lines.found[q_rows[fit.line_fits]] += 1
-        return TrackedFrame(features, fit.T_world_camera, point_of, line_of)
-
-    def _keep(self, frame: Frame, tracked: TrackedFrame, fit: Fit, clock: Stopwatch
+    def _keep(self, frame: Frame, tracked: TrackedFrame, seen: Seen, clock: Stopwatch
               ) -> FrameEstimate:
+        """A pose that is believed: the map counts what it saw, and may grow by the frame."""
         assert self.reference is not None
         row = len(self.history)
-        estimate = self.history.add(frame, tracked.T_world_camera, self.reference,
+        estimate = self.history.add(frame, tracked.T_world_camera, self.reference.keyframe,
                                     Status.TRACKED, "", {}, tracked=tracked)
+        self.map.points.count_use(seen.points_in_view, tracked.point_of[tracked.point_of >= 0])
+        self.map.lines.count_use(seen.lines_in_view, tracked.line_of[tracked.line_of >= 0])
         self.before, self.lost_with_features = tracked, 0
-        if self._keyframe_due(tracked, row):
+        if self.reference.outgrown(tracked, row, self.config.mapping):
             self._insert(row, tracked)
             self._lean_on_reference()
         clock.lap("map")
         return self.history.amend(estimate, clock.laps_ms())
-
-    def _keyframe_due(self, tracked: TrackedFrame, row: int) -> bool:
-        assert self.reference is not None
-        now = int(np.count_nonzero(tracked.point_of >= 0) + np.count_nonzero(tracked.line_of >= 0))
-        self.most_held = max(self.most_held, now)
-        c = self.config.mapping
-        fresh = np.count_nonzero((tracked.point_of < 0) & (tracked.features.points.depth_m > 0))
-        return bool(row - self.reference.frame >= c.max_gap
-                    or now < c.keyframe_share * self.most_held
-                    or (now < c.min_points and fresh > now // 2))
 
     def _lose(self, frame: Frame, features: Features, reason: str, clock: Stopwatch
               ) -> FrameEstimate:
@@ -211,29 +211,38 @@ class DplSlam:
     def _recover(self, frame: Frame, features: Features, clock: Stopwatch, reason: str = ""
                  ) -> FrameEstimate:
         """Find the way back into the map; where that fails for long, begin another part of it."""
-        found, fit = self._relocalise(features)
+        found = self._relocalise(features)
         clock.lap("relocalise")
-        if found is not None and fit is not None:
-            return self._keep(frame, found, fit, clock)
+        if found is not None:
+            self._come_back(found[0])
+            return self._keep(frame, *found, clock)
         seen = _worth(features) >= _MIN_TO_BEGIN
         self.lost_with_features = self.lost_with_features + 1 if seen else 0
-        estimate = self.history.add_lost(frame, self.reference,
+        estimate = self.history.add_lost(frame, self._leant_on(),
                                          reason or "not found in the map yet", clock.laps_ms())
         if self.lost_with_features >= _GIVE_UP_AFTER:
             self._start_map(len(self.history) - 1, estimate.T_world_camera, features)
             self._lean_on_reference()
         return estimate
 
-    def _relocalise(self, features: Features) -> tuple[TrackedFrame | None, Fit | None]:
+    def _relocalise(self, features: Features) -> tuple[TrackedFrame, Seen] | None:
         likely = [self.map.keyframes[i] for i in self.places.most_like(
             features.points.descriptor, _TRIED) if self.map.keyframes[i].alive]
         for T_world_camera, points in places(self.map, features, likely, self.intrinsics,
                                              self.config):
-            tracked, fit = self._against_map(features, T_world_camera, points,
-                                             np.zeros(0, np.int64))
-            if fit is not None and fit.inliers >= self.config.track.relocalise_inliers:
-                return tracked, fit
-        return None, None
+            found = self._against_map(features, T_world_camera, points, np.zeros(0, np.int64))
+            if found is not None and found[0].held >= self.config.track.relocalise_inliers:
+                return found
+        return None
+
+
+def _associated(features: Features, seen: Seen, fit: Fit) -> TrackedFrame:
+    """A frame whose features are the landmarks that fit its pose."""
+    point_of = np.full(len(features.points), -1, np.int64)
+    line_of = np.full(len(features.lines), -1, np.int64)
+    point_of[seen.pairs.point[fit.point_fits]] = seen.points[fit.point_fits]
+    line_of[seen.pairs.line[fit.line_fits]] = seen.lines[fit.line_fits]
+    return TrackedFrame(features, fit.T_world_camera, point_of, line_of)
 
 
 def _worth(features: Features) -> int:

@@ -174,4 +174,4 @@ def test_a_map_of_what_was_seen_before_stops_growing(scene):
         if (number + 1) % len(there_and_back) == 0:
             rows.append(system.map.points.count + system.map.lines.count)
     assert len(system.map.keyframes) > sum(k.alive for k in system.map.keyframes)
-    assert rows[-1] <= 1.05 * rows[4]
+    assert rows[-1] <= 1.05 * rows[6]

@@ -1,6 +1,7 @@
 """Landmarks and dead keyframes follow what they hang on; one thing seen twice is one landmark."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slam.dpl.features import Features, KeyLines, KeyPoints
@@ -73,11 +74,12 @@ def test_landmarks_in_common_are_counted_for_each_pair():
 
 def test_rows_of_landmarks_that_are_gone_are_had_by_new_ones():
     map_ = map_of(POSES, POINTS, LINES)
-    map_.points.alive[[1, 4]] = False
     map_.points.found[1] = 7
-    for keyframe in map_.keyframes:
-        map_.forget_dead(keyframe)
-    map_.points.reuse_dead()
+    identity = map_.points.identity.copy()
+    map_.forget_landmarks(np.array([1, 4]), np.array([1]))
+    assert [k.point_of.tolist() for k in map_.keyframes] == [
+        [0, -1, 2, -1], [-1, 2, 3, -1], [2, 3, 5, -1]]
+    assert [k.line_of.tolist() for k in map_.keyframes] == [[0, -1], [0, -1], [-1, 2]]
     xyz = np.arange(9.0).reshape(3, 1, 3)
     rows = map_.points.add(xyz, np.zeros((3, 32), np.uint8), np.zeros(3, np.int32), np.ones(3), 5)
     assert rows.tolist() == [1, 4, 6]
@@ -85,6 +87,8 @@ def test_rows_of_landmarks_that_are_gone_are_had_by_new_ones():
     assert map_.points.alive.all()
     assert map_.points.found[1] == 1
     assert map_.points.born[rows].tolist() == [5, 5, 5]
+    assert map_.covisible(rows, np.array([1])).tolist() == [0, 0, 0]
+    assert not set(map_.points.identity[rows]) & set(identity)      # a row is no name
     again = map_.points.add(xyz, np.zeros((3, 32), np.uint8), np.zeros(3, np.int32), np.ones(3), 6)
     assert again.tolist() == [7, 8, 9]
 
@@ -104,3 +108,50 @@ def test_of_a_dead_keyframe_only_its_place_is_kept():
     assert (len(dead.features.points), len(dead.features.lines), len(dead.point_of),
             len(dead.line_of)) == (0, 0, 0, 0)
     assert map_.covisible(np.arange(6), np.arange(3)).tolist() == [4, 6, 0]
+
+
+def test_who_sees_a_landmark_is_what_the_keyframes_say():
+    rng = np.random.default_rng(2)
+    map_ = PointLineMap()
+    map_.points.add(rng.normal(size=(1500, 1, 3)), np.zeros((1500, 32), np.uint8),
+                    np.zeros(1500, np.int32), np.zeros(3), 0)
+
+    def seen():
+        of = np.full(40, -1)
+        some = rng.permutation(40)[:rng.integers(30)]
+        of[some] = rng.choice([*range(30), *range(1490, 1500)], len(some), replace=False)
+        return of
+
+    for i in range(12):
+        map_.add_keyframe(i, np.eye(4), features(40, 0), seen(), np.zeros(0, np.int64))
+    for _ in range(60):
+        map_.see_points(map_.keyframes[rng.integers(12)], seen())
+    rows = rng.permutation(1500)[:700]
+    assert_array_equal(map_.covisible(rows, np.zeros(0, np.int64)),
+                       [np.isin(k.point_of, rows).sum() for k in map_.keyframes])
+    assert_array_equal(map_.point_observers.count(np.arange(1600)),
+                       [sum(r in k.point_of for k in map_.keyframes) for r in range(1600)])
+
+
+def lonely_map(count):
+    """Keyframes of which none sees anything."""
+    poses = se3.exp(np.random.default_rng(3).normal(size=(count, 6)) * 0.3)
+    return map_of(poses, [[-1] * 4] * count, [[-1] * 2] * count), poses
+
+
+def test_a_keyframe_that_shares_nothing_hangs_on_a_living_one_beside_it():
+    map_, poses = lonely_map(4)
+    for number in (2, 1, 3):                       # 1 lies beside 2, which is gone
+        map_.drop_keyframe(map_.keyframes[number])
+        assert map_.keyframes[map_.keyframes[number].parent].alive
+    assert_allclose(map_.poses(), poses, atol=1e-12)
+    with pytest.raises(ValueError, match="last living keyframe"):
+        map_.drop_keyframe(map_.keyframes[0])
+    assert map_.newest() is map_.keyframes[0]
+
+
+def test_keyframes_that_die_one_after_the_other_do_not_hang_on_each_other():
+    map_ = map_of(POSES, [[-1] * 4, [0, 1, 2, 3], [0, 1, 2, 3]], [[-1] * 2] * 3)
+    map_.drop_keyframe(map_.keyframes[1])          # hangs on keyframe 2
+    map_.drop_keyframe(map_.keyframes[2])          # which shares nothing with a living one
+    assert_allclose(map_.poses(), POSES, atol=1e-12)

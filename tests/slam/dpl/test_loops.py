@@ -7,9 +7,11 @@ import pytest
 
 import box_world as bw
 import slam
-from slam.dpl.features import Features, KeyPoints, no_lines
-from slam.dpl.loop_close import bent
-from slam.dpl.loop_verify import covered
+from slam.dpl.features import Features, KeyPoints, no_lines, no_points
+from slam.dpl.keyframes import PointLineMap
+from slam.dpl.loop_close import LoopCloser, bent, between_living
+from slam.dpl.loop_verify import Loop, covered
+from slam.dpl.track import PoseTracker
 from slam.geometry import se3
 from slam.systems.registry import default_config
 from slam.types import Status
@@ -130,3 +132,62 @@ def test_a_feature_held_against_another_landmark_is_a_corner_again():
     assert np.allclose(loose[2], whitening[2])         # as detected before, as detected now
     plain = Features(replace(points, whitening=None), no_lines())
     assert plain.of_any_landmark(1.2) is plain
+
+
+def blank_keyframe(map_, T):
+    nothing = np.zeros(0, np.int64)
+    return map_.add_keyframe(len(map_.keyframes), T, Features(no_points(), no_lines()), nothing,
+                             nothing)
+
+
+def test_a_loop_ties_what_its_keyframes_hang_on_once_they_are_gone():
+    map_ = PointLineMap()
+    poses = se3.exp(np.random.default_rng(4).normal(size=(5, 6)) * 0.3)
+    keyframes = [blank_keyframe(map_, T) for T in poses]
+    loop = Loop(keyframes[4], keyframes[1], se3.inverse(poses[1]) @ poses[4], 60)
+    for number in (1, 4):
+        map_.drop_keyframe(keyframes[number])
+    a, b, T_a_b = between_living(map_, loop)
+    assert keyframes[a].alive
+    assert keyframes[b].alive
+    assert np.allclose(T_a_b, se3.inverse(poses[a]) @ poses[b])
+    # What is told of the loop stays what was found: of the frames it was found in.
+    closer = LoopCloser(PoseTracker(bw.CAMERA, default_config("dpl")))
+    closer.loops.append(loop)
+    told = closer.closed()
+    assert (told.row[0], told.seen_before[0]) == (4, 1)
+    assert np.allclose(told.T_before_now[0], loop.T_old_keyframe)
+
+
+def test_after_a_camera_was_found_again_frames_lean_on_a_keyframe_of_that_place(round_trip):
+    _, frames = round_trip
+    half = frames[:ROUND // 2]
+    system, *_ = run(half)
+    assert system.reference.keyframe.frame > 10
+    dark = replace(half[-1], rgb=np.zeros((H, W, 3), np.uint8), index=len(half),
+                   stamp_s=half[-1].stamp_s + 0.1)
+    assert system.process(dark).status == Status.LOST
+    back = replace(frames[1], index=len(half) + 1, stamp_s=dark.stamp_s + 0.1)
+    assert system.process(back).status == Status.TRACKED
+    assert system.reference.keyframe.frame < 10
+    # It goes where that place goes.
+    move = se3.exp(np.array([0.0, 0.2, 0.0, 1.0, 0.0, 0.0]))
+    before = system.finish().T_world_camera[-1]
+    system.reference.keyframe.T_world_camera = move @ system.reference.keyframe.T_world_camera
+    assert np.allclose(system.finish().T_world_camera[-1], move @ before, atol=1e-9)
+
+
+def test_a_place_that_is_refused_leaves_no_trace_in_the_map(round_trip):
+    _, frames = round_trip
+    config = default_config("orb")
+    system = slam.make("orb", bw.CAMERA, replace(config, track=replace(
+        config.track, relocalise_inliers=100_000)))
+    for frame in frames[:6]:
+        system.process(frame)
+    dark = replace(frames[5], rgb=np.zeros((H, W, 3), np.uint8), index=6, stamp_s=0.6)
+    system.process(dark)
+    points = system.map.points
+    before = points.found.copy(), points.visible.copy()
+    assert system.process(replace(frames[5], index=7, stamp_s=0.7)).status == Status.LOST
+    assert np.array_equal(points.found, before[0])
+    assert np.array_equal(points.visible, before[1])
