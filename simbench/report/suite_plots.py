@@ -24,7 +24,7 @@ _CROWDED = 0.1         # of the axis: dial values nearer than this are set at eq
 def curve_plots(summary: Sequence[Mapping[str, Any]], meaning: Sequence[Mapping[str, Any]],
                 dial: str, metrics: Sequence[str], systems: Sequence[str],
                 also: Mapping[str, Any], means: tuple[str, str, str] | None) -> list[Plot]:
-    """One figure for each metric that has values.
+    """One figure for each metric that has values at two points of the dial or more.
 
     Args:
         summary: of one case, at the points that share `also`.
@@ -36,7 +36,7 @@ def curve_plots(summary: Sequence[Mapping[str, Any]], meaning: Sequence[Mapping[
     plots = []
     for name in metrics:
         lines = {system: _line(summary, dial, name, system) for system in systems}
-        lines = {system: line for system, line in lines.items() if len(line)}
+        lines = {system: line for system, line in lines.items() if len(line) > 1}
         if lines:
             plots.append(_plot(lines, systems, name, dial, also, meaning, means))
     return plots
