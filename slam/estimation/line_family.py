@@ -58,7 +58,8 @@ class LineFamily:
         """
         return np.asarray(_accumulate_lines(
             T, self.m.group if part is None else part, self.rays, self.m.rho_a,
-            self.m.endpoints_b, self.whitening, camera_tuple(self.camera), is_pixel(self.config.line_normalisation),
+            self.m.endpoints_b, self.whitening, camera_tuple(self.camera),
+            is_pixel(self.config.line_normalisation),
             self.config.kernel == "huber", self.config.kernel_width, cost, H, g))
 
 

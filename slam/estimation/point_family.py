@@ -116,7 +116,8 @@ class PointFamily:
         index = np.arange(len(self.m)) if index is None else index
         return np.asarray(_accumulate_points(
             T, index, self.m.group if part is None else part, self.rays, self.rho, self.m.rho_a,
-            self.m.uv_b, self.m.rho_b, self.whitening, camera_tuple(self.camera), self.config.kernel == "huber",
+            self.m.uv_b, self.m.rho_b, self.whitening, camera_tuple(self.camera),
+            self.config.kernel == "huber",
             self.config.kernel_width, cost, H, g))
 
     def refined_uv_b(self, T: Array) -> Array:

@@ -17,6 +17,7 @@ from slam.types import FlowField
 
 GRID_KIND = 0      # PointMatches.kind of cells on the static world
 OBJECT_GRID_KIND = 1   # of the smaller cells on objects
+_FARTHEST_PX = 1e4     # no flow; nor is what is not a number
 _STEEPEST = 0.03       # relative slope per pixel of a surface seen at a grazing angle
 
 
@@ -58,8 +59,8 @@ def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array
     A cell belongs to the group of its middle pixel; cells of the static world, or all others.
 
     Returns:
-        (C, 10): count, Σu, Σv, Σ flow u, Σ flow v, Σρ_a, count with depth in b, Σρ_b, Σ ∂ρ_b/∂u,
-        Σ ∂ρ_b/∂v; (C,).
+        (C, 10): count, Σu, Σv, Σ flow u, Σ flow v, Σρ_a, count with depth in b, Σρ_b, and the
+        slopes ∂ρ_b/∂u, ∂ρ_b/∂v; (C,).
     """
     rows, columns = rho_a.shape[0] // cell_px, rho_a.shape[1] // cell_px
     sums = np.zeros((rows * columns, 10))
@@ -78,30 +79,58 @@ def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array
     return sums[:used], group[:used]
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _counts(v, u, own, flow, valid, rho_a, group_a):  # type: ignore[no-untyped-def]
+    """Whether a pixel has all that it needs in its own frame."""
+    return (group_a[v, u] == own and rho_a[v, u] > 0.0 and (valid.size == 0 or valid[v, u])
+            and abs(flow[v, u, 0]) < _FARTHEST_PX and abs(flow[v, u, 1]) < _FARTHEST_PX)
+
+
+@numba.njit(cache=True, nogil=True)
+def _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
+               group_a):
+    """How many pixels of a cell count in their own frame, and the mean of their flow."""
+    count = move_u = move_v = 0.0
+    for v in range(top, top + cell_px, every):
+        for u in range(left, left + cell_px):
+            if _counts(v, u, own, flow, valid, rho_a, group_a):
+                count += 1.0
+                move_u += flow[v, u, 0]
+                move_v += flow[v, u, 1]
+    return count, move_u / max(count, 1.0), move_v / max(count, 1.0)
+
+
 @numba.njit(cache=True, nogil=True)
 def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
               rho_b, group_a, group_b, max_change, max_noise, noise):
+    """Fill the sums of one cell.
+
+    Where a pixel comes to lie is told by the flow of its whole cell. By its own, those beside a
+    border would count as their noise leads away from it, and what is left errs to one side.
+    """
+    usable, move_u, move_v = _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a, group_a)
+    if usable == 0:
+        return
     height, width = rho_a.shape
-    count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = slope_u = slope_v = 0.0
+    count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = 0.0
+    s_u = s_v = s_uu = s_uv = s_vv = s_ub = s_vb = 0.0      # of the pixels with depth in b
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
-            here = rho_a[v, u]
-            if (group_a[v, u] != own or here <= 0.0
-                    or (valid.size > 0 and not valid[v, u])):
+            if not _counts(v, u, own, flow, valid, rho_a, group_a):
                 continue
-            du, dv = flow[v, u, 0], flow[v, u, 1]
-            x, y = u + du, v + dv
+            here = rho_a[v, u]
+            x, y = u + move_u, v + move_v
             if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
                 continue
             near = int(y + 0.5), int(x + 0.5)
             if group_b[near] != own:
                 continue
-            seen, along_u, along_v = rho_b[near], 0.0, 0.0
+            seen = rho_b[near]
             i, j = int(np.floor(y)), int(np.floor(x))
             if (0 <= i < height - 1 and 0 <= j < width - 1 and group_b[i, j] == own
                     and group_b[i, j + 1] == own and group_b[i + 1, j] == own
                     and group_b[i + 1, j + 1] == own):
-                seen, along_u, along_v = _between(
+                seen = _between(
                     rho_b[i, j], rho_b[i, j + 1], rho_b[i + 1, j], rho_b[i + 1, j + 1],
                     x - j, y - i, seen, _STEEPEST * seen + noise)
             if seen > 0.0:
@@ -110,22 +139,32 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
                     continue
                 count_b += 1.0
                 sum_b += seen
-                slope_u += along_u
-                slope_v += along_v
+                p, q = u - left, v - top
+                s_u, s_v, s_ub, s_vb = s_u + p, s_v + q, s_ub + p * seen, s_vb + q * seen
+                s_uu, s_uv, s_vv = s_uu + p * p, s_uv + p * q, s_vv + q * q
             count += 1.0
             sum_u += u
             sum_v += v
-            flow_u += du
-            flow_v += dv
+            flow_u += flow[v, u, 0]
+            flow_v += flow[v, u, 1]
             sum_a += here
     sums[:5] = count, sum_u, sum_v, flow_u, flow_v
-    sums[5:] = sum_a, count_b, sum_b, slope_u, slope_v
+    sums[5:8] = sum_a, count_b, sum_b
+    if count_b > 0.0:
+        # By least squares: such a slope and the mean have no noise in common. Of the differences
+        # between the pixels that each depth is read between they do, and weighed by each other
+        # they bias the motion, the more so the noisier the flow.
+        mean_u, mean_v = s_u / count_b, s_v / count_b
+        uu, uv, vv = s_uu - mean_u * s_u, s_uv - mean_u * s_v, s_vv - mean_v * s_v
+        ub, vb = s_ub - mean_u * sum_b, s_vb - mean_v * sum_b
+        det = uu * vv - uv * uv
+        if det > 1e-6 * uu * vv:
+            sums[8], sums[9] = (vv * ub - uv * vb) / det, (uu * vb - uv * ub) / det
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _between(a, b, c, d, across, down, nearest, limit):  # type: ignore[no-untyped-def]
-    """Inverse depth between four pixels of one surface, a b above c d, and its slopes; else that of
-    the nearest, which has none.
+    """Inverse depth between four pixels of one surface, a b above c d; else that of the nearest.
 
     Reading the nearest errs alike all over a surface whose flow is nearly the same everywhere, by
     up to half a pixel's slope: an error along the ray that no number of pixels averages out.
@@ -135,11 +174,9 @@ def _between(a, b, c, d, across, down, nearest, limit):  # type: ignore[no-untyp
     """
     least, most = min(a, b, c, d), max(a, b, c, d)
     if least <= 0.0 or most - least > limit:
-        return nearest, 0.0, 0.0
-    upper, lower, left = b - a, d - c, c - a
-    turn = lower - upper
-    return (a + across * upper + down * (left + across * turn), upper + down * turn,
-            left + across * turn)
+        return nearest
+    upper, lower = a + across * (b - a), c + across * (d - c)
+    return upper + down * (lower - upper)
 
 
 def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConfig,
@@ -150,7 +187,7 @@ def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConf
     mean = sums[:, 1:6] / n[:, None]
     # Depth in b must be of nearly all the pixels, or its mean is of another place.
     known_b = sums[:, 6] > 0.9 * n
-    mean_b = np.where(known_b[:, None], sums[:, 7:10] / np.maximum(sums[:, 6:7], 1.0), 0.0)
+    mean_b = np.where(known_b, sums[:, 7] / np.maximum(sums[:, 6], 1.0), 0.0)
     sigma_rho = noise.inverse_depth_sigma / np.sqrt(n)
     rho_a = _without_bias(mean[:, 4], rho_variance)
     variance = noise.flow_sigma_px**2 / n
@@ -158,8 +195,8 @@ def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConf
     return PointMatches(
         uv_a=uv, rho_a=rho_a, rho_sigma_a=sigma_rho, uv_b=uv + mean[:, 2:4],
         flow_cov=variance[:, None, None] * np.eye(2),
-        rho_b=_without_bias(mean_b[:, 0], rho_variance),
-        rho_sigma_b=np.where(known_b, sigma_rho, np.inf), rho_slope_b=mean_b[:, 1:],
+        rho_b=_without_bias(mean_b, rho_variance),
+        rho_sigma_b=np.where(known_b, sigma_rho, np.inf), rho_slope_b=np.where(known_b[:, None], sums[:, 8:], 0.0),
         group=group, kind=np.full(len(n), kind))
 
 

@@ -43,12 +43,15 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
             if own == NO_GROUP or (own == 0) != static:
                 continue
             rows, seen = [], []
+            counting = np.zeros(SIZE, bool)
+            counting[i * cell:i * cell + cell, j * cell:j * cell + cell] = True
+            counting &= (group_a == own) & (rho_a > 0) & np.isfinite(flow.flow_px).all(axis=2)
+            if flow.valid is not None:
+                counting &= flow.valid
+            move = flow.flow_px[counting].astype(float).mean(axis=0) if counting.any() else None
             for v in range(i * cell, i * cell + cell):
                 for u in range(j * cell, j * cell + cell):
-                    move = flow.flow_px[v, u].astype(float)
-                    if not np.isfinite(move).all() or group_a[v, u] != own or rho_a[v, u] <= 0:
-                        continue
-                    if flow.valid is not None and not flow.valid[v, u]:
+                    if not counting[v, u]:
                         continue
                     to = np.floor(np.array([u, v]) + move + 0.5)
                     if not (0 <= to[0] < SIZE[1] and 0 <= to[1] < SIZE[0]):
@@ -62,7 +65,7 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
                         if abs(read - rho_a[v, u]) > gate:
                             continue
                         seen.append(read)
-                    rows.append([u, v, *move, rho_a[v, u]])
+                    rows.append([u, v, *flow.flow_px[v, u].astype(float), rho_a[v, u]])
             if rows and len(rows) >= CONFIG.min_filled * cell**2:
                 mean = np.mean(rows, axis=0)
                 out.append((own, mean[:2], mean[4], mean[:2] + mean[2:4], len(rows),
@@ -179,3 +182,30 @@ def test_depth_between_pixels_is_that_of_the_plane():
     inside &= found.uv_b[:, 1] > 8          # the topmost cells lose their first row
     assert inside.sum() > 10
     assert_allclose(found.rho_b[inside], expected[inside], atol=1e-6)
+
+
+def test_noise_of_the_flow_at_a_border_leaves_no_bias():
+    """Pixels of a wall that slides behind a still pillar: by its own noise, one beside the border
+    would count only where that leads away from it."""
+    rng = np.random.default_rng(2)
+    size, true = (480, 64), np.array([2.5, 0.0])
+    group_a, group_b = np.zeros((2, *size), np.uint8)
+    group_a[:, 40:], group_b[:, 40:] = 1, 1
+    rho = np.full(size, 0.5, np.float32)
+    errors = []
+    for _ in range(20):
+        noise = 0.5 * rng.normal(size=(*size, 2))
+        found = grid_matches(FlowField((true + noise).astype(np.float32)), rho, rho, group_a,
+                             group_b, CONFIG, NOISE)
+        still = found.group == 0
+        errors.append((found.uv_b - found.uv_a)[still] - true)
+    error = np.concatenate(errors)
+    assert np.abs(error.mean(axis=0)).max() < 4 * 0.5 / np.sqrt(60 * len(error))
+
+
+def test_the_slope_of_a_cell_is_that_of_its_plane():
+    v, u = np.mgrid[:SIZE[0], :SIZE[1]]
+    flow, _, _, group_a, group_b = uniform(flow=(0.3, 0.4))
+    plane = (0.4 + 0.002 * u - 0.001 * v).astype(np.float32)
+    found = grid_matches(flow, plane, plane, group_a, group_b, CONFIG, NOISE, 0.0)
+    assert_allclose(found.rho_slope_b, np.tile([0.002, -0.001], (len(found), 1)), atol=1e-6)
