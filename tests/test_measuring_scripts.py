@@ -61,3 +61,11 @@ def test_memory_is_read_and_no_context_stays_open(capsys: pytest.CaptureFixture[
     assert int(read["resets"]) >= 1
     assert float(read["MB at first"]) > 10
     assert int(read["contexts open"]) == 0
+
+
+def test_the_table_of_nees_holds_camera_and_objects(capsys: pytest.CaptureFixture[str]):
+    script("measure_nees").main(["--seeds", "1", "--frames", "4", "--flow", "noisy"])
+    row = cells(capsys.readouterr().out.splitlines()[2])
+    assert row[0] == "SwingingBoxes-v0"
+    assert 0 < float(row[1]) < 30
+    assert 0 < float(row[4]) < 60

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.backend.config import BundleConfig
+from slam.backend.descend import levenberg_marquardt
 from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily, Room
 from slam.backend.pose_covariance import step_covariances
 from slam.backend.pose_system import add_steps, quadratic, solve_poses
@@ -23,7 +24,7 @@ from slam.map import LineObservations, PointObservations, no_line_observations
 from slam.types import Intrinsics
 
 __all__ = ["BodyPath", "BundleResult", "LandmarkPrior", "Problem", "State", "bundle",
-           "levenberg_marquardt", "no_line_prior", "no_prior"]
+           "no_line_prior", "no_prior"]
 
 UNKNOWN_STEP = np.diag([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])   # 0.5 rad, 1 m: keeps gaps solvable
 _NO_LINES = np.zeros((0, 10))
@@ -90,48 +91,19 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
     state = begin
     for _ in range(config.rounds):
         state = levenberg_marquardt(problem, state, config)
-        problem.linearise(*state)
         problem.measure_noise()
         problem.drop_misfits()
     state = levenberg_marquardt(problem, state, config)
-    before, after = problem.objective(*begin), problem.objective(*state)
+    before, after = problem.objective(begin), problem.objective(state)
     if not after <= before:
         state, after = begin, before
-        problem.objective(*state)
+        problem.objective(state)
     problem.take_over()
     return BundleResult(*state, problem.points.now.chi2, problem.lines.now.chi2, before, after,
                         float(np.sqrt(problem.points.uv_scale2)),
                         float(np.sqrt(problem.points.rho_scale2)),
                         step_covariances(problem.reduced(0.0)[0], state.T_body_camera)
                         if config.covariances else None)
-
-
-def levenberg_marquardt(problem: Problem, state: State, config: BundleConfig,
-                        cost: float | None = None) -> State:
-    """Damped steps; one that raises the objective is not taken.
-
-    Args:
-        cost: the objective, where the problem is linearised at `state` already.
-    """
-    damping = 1e-4
-    cost = problem.linearise(*state) if cost is None else cost
-    for _ in range(config.iterations):
-        step = problem.step(damping)
-        if step is not None:
-            tried = problem.moved(state, step)
-            cost_try = problem.objective(*tried)
-        if step is None or not cost_try < cost:
-            damping *= 30.0
-            if damping > 1e6:
-                break
-            continue
-        ended = cost - cost_try < config.tolerance * cost
-        state, cost = tried, cost_try
-        problem.take_over()
-        damping = max(damping * 0.1, 1e-9)
-        if ended:
-            break
-    return state
 
 
 class Problem:
@@ -163,8 +135,9 @@ class Problem:
         self._terms = self._trial_terms = odometry_terms(T[:-1], T[1:], self.steps)
         self._room = np.empty((len(self.steps), 6))
 
-    def objective(self, T: Array, xyz: Array, lines: Array = _NO_LINES) -> float:
+    def objective(self, state: State) -> float:
         """The objective, robust; `take_over` makes this the point of linearisation."""
+        T, xyz, lines = state
         self._trial_terms = odometry_terms(T[:-1], T[1:], self.steps)
         return (self.points.evaluate(T, xyz) + self.lines.evaluate(T, lines)
                 + quadratic(self._trial_terms.r, self.information, self._room))
@@ -175,14 +148,14 @@ class Problem:
         for family in self.families:
             family.take_over()
 
-    def linearise(self, T: Array, xyz: Array, lines: Array = _NO_LINES) -> float:
+    def linearise(self, state: State) -> float:
         """Take a new point of linearisation; the objective there."""
-        cost = self.objective(T, xyz, lines)
+        cost = self.objective(state)
         self.take_over()
         return cost
 
-    def step(self, damping: float) -> tuple[Array, Array, Array] | None:
-        """Steps of poses (F, 6), points (P, 3) and lines (L, 4); None where it is singular."""
+    def stepped(self, state: State, damping: float) -> State | None:
+        """The state one damped step on; None where the system is singular."""
         S, g = self.reduced(damping)
         S[0] = 0.0                                      # the first pose stays
         S[0, 0], g[0] = np.eye(6), 0.0
@@ -190,8 +163,11 @@ class Problem:
         if poses is None:
             return None
         points, lines = (family.steps(poses) for family in self.families)
-        finite = np.isfinite(points).all() and np.isfinite(lines).all()
-        return (poses, points, lines) if finite else None
+        if not (np.isfinite(points).all() and np.isfinite(lines).all()):
+            return None
+        return State(moved_rows(state.T_body_camera, poses),
+                     self.points.moved(state.xyz_body, points),
+                     self.lines.moved(state.lines_body, lines))
 
     def reduced(self, damping: float) -> tuple[Array, Array]:
         """The poses' normal equations S (F, B, 6, 6), upper blocks, and g (F, 6)."""
@@ -201,13 +177,6 @@ class Problem:
             family.reduce(damping, S, g)
         add_steps(*self._terms, self.information, S, g)
         return S, g
-
-    def moved(self, state: State, step: tuple[Array, Array, Array]) -> State:
-        """The state after a step."""
-        poses, points, lines = step
-        return State(moved_rows(state.T_body_camera, poses),
-                     self.points.moved(state.xyz_body, points),
-                     self.lines.moved(state.lines_body, lines))
 
     def measure_noise(self) -> None:
         """Scale the assumed noise to the residuals at the point of linearisation."""

@@ -79,11 +79,10 @@ class Chains(ABC):
         """Robust cost of measurements and motions."""
         return sum(self._robust(r)[1] for r in self._residuals(X, H, place))
 
-    def linearise(self, X: Array, H: Array, place: Array) -> float:
-        """Take a new point of linearisation; the cost there."""
-        self._measured, cost = self._weighted(self._measure(X, place))
-        self._moved, more = self._weighted(self._move(H, place))
-        return cost + more
+    def linearise(self, X: Array, H: Array, place: Array) -> None:
+        """Take a new point of linearisation."""
+        self._measured = self._weighted(self._measure(X, place))
+        self._moved = self._weighted(self._move(H, place))
 
     def add(self, damping: float, S: Array, g: Array) -> None:
         """Add the current linearisation, nodes eliminated, to S (12F, 12F) and g (12F,)."""
@@ -123,7 +122,7 @@ class Chains(ABC):
     def noise(self, X: Array, place: Array) -> tuple[float, float]:
         """Measured over assumed variance of pixels and of inverse depths."""
         terms = self._sight(X, place)
-        weighted, _ = self._weighted(terms)
+        weighted = self._weighted(terms)
         return noise_ratios(self.start, np.ascontiguousarray(weighted.r), _chi2(terms.r),
                             self.whitening, self.config.kernel_width)
 
@@ -146,16 +145,15 @@ class Chains(ABC):
     def _residuals(self, X: Array, H: Array, place: Array) -> tuple[Array, Array]:
         return self._measure(X, place).r, self._move(H, place).r
 
-    def _weighted(self, terms: _Terms) -> tuple[_Terms, float]:
-        weight, cost = self._robust(terms.r)
+    def _weighted(self, terms: _Terms) -> _Terms:
+        weight, _ = self._robust(terms.r)
 
         def weighted(part: Array) -> Array:
             root = np.sqrt(weight).reshape(-1, *[1] * (part.ndim - 1))
             return np.where(root > 0.0, part * root, 0.0)
 
         before = None if terms.by_before is None else weighted(terms.by_before)
-        return _Terms(weighted(terms.r), weighted(terms.by_pose), weighted(terms.by_node),
-                      before), cost
+        return _Terms(weighted(terms.r), weighted(terms.by_pose), weighted(terms.by_node), before)
 
     def _robust(self, r: Array) -> tuple[Array, float]:
         """Cauchy's weights (M,), 0 where a landmark is not seen, and the cost."""

@@ -24,6 +24,7 @@ from slam.backend.chain_families import (
     motions_of,
 )
 from slam.backend.config import BundleConfig, ChainConfig
+from slam.backend.descend import levenberg_marquardt
 from slam.backend.pose_system import one_thread
 from slam.backend.refine_run import of_body, with_paths
 from slam.factors import PairTerms, odometry_terms, smooth_motion_terms
@@ -75,10 +76,10 @@ class _Body:
         own = sum(f.cost(X[self.at], H, p) for f, p in zip(self.families, place, strict=True))
         return own + self._smooth_cost(H)
 
-    def linearise(self, X: Array, H: Array, place: tuple[Array, ...]) -> float:
-        own = sum(f.linearise(X[self.at], H, p) for f, p in zip(self.families, place, strict=True))
+    def linearise(self, X: Array, H: Array, place: tuple[Array, ...]) -> None:
+        for family, own in zip(self.families, place, strict=True):
+            family.linearise(X[self.at], H, own)
         self._smooth = self.smooth(H) if self.moving else None
-        return own + self._smooth_cost(H)
 
     def _smooth_cost(self, H: Array) -> float:
         return float(np.sum(self.smooth(H).r ** 2)) if self.moving else 0.0
@@ -127,6 +128,7 @@ class ChainedProblem:
                        for n in self.numbers]
         self.begin = State(np.array(static.poses), tuple(b.H for b in self.bodies),
                            tuple(b.place for b in self.bodies))
+        self._tried = self.begin
         self._odometry = np.array(static.steps[1:])
         information = np.array(static.information[1:])
         unknown = ~np.isfinite(information).all(axis=(1, 2)) | (
@@ -140,19 +142,20 @@ class ChainedProblem:
                          self._root @ t.J_second)
 
     def objective(self, state: State) -> float:
-        """What all factors cost."""
+        """What all factors cost; `take_over` linearises there."""
+        self._tried = state
         return float(np.sum(self._steps_of(state.X).r ** 2)) + sum(
             b.cost(state.X, H, place)
             for b, H, place in zip(self.bodies, state.H, state.place, strict=True))
 
-    def linearise(self, state: State) -> float:
-        """Take a new point of linearisation; the objective there."""
+    def take_over(self) -> None:
+        """Linearise where the objective was asked for last."""
+        state = self._tried
         self._pairs = self._steps_of(state.X)
-        return float(np.sum(self._pairs.r**2)) + sum(
-            b.linearise(state.X, H, place)
-            for b, H, place in zip(self.bodies, state.H, state.place, strict=True))
+        for body, H, place in zip(self.bodies, state.H, state.place, strict=True):
+            body.linearise(state.X, H, place)
 
-    def step(self, state: State, damping: float) -> State | None:
+    def stepped(self, state: State, damping: float) -> State | None:
         """The state one damped step on; None where the system is singular."""
         F = len(state.X)
         S, g = np.zeros((6 * F, 6 * F)), np.zeros(6 * F)
@@ -178,7 +181,6 @@ class ChainedProblem:
                         zip(b.families, place, steps, strict=True))
                   for b, place, (_, steps) in zip(self.bodies, state.place, found, strict=True)))
 
-
     def settle(self, state: State, config: BundleConfig) -> None:
         """Measure the noise on the static world, and leave out what does not fit.
 
@@ -202,30 +204,11 @@ def solve(problem: ChainedProblem, config: BundleConfig) -> tuple[State, float, 
     """
     state = problem.begin
     for _ in range(config.rounds):
-        state = _descend(problem, state, config)
+        state = levenberg_marquardt(problem, state, config)
         problem.settle(state, config)
-    state = _descend(problem, state, config)
+    state = levenberg_marquardt(problem, state, config)
     before, after = problem.objective(problem.begin), problem.objective(state)
     return (state, before, after) if after <= before else (problem.begin, before, before)
-
-
-def _descend(problem: ChainedProblem, state: State, config: BundleConfig) -> State:
-    """Damped steps; one that raises the objective, or leaves the numbers, is not taken."""
-    damping, cost = 1e-4, problem.linearise(state)
-    for _ in range(config.iterations):
-        tried = problem.step(state, damping)
-        cost_try = np.inf if tried is None else problem.objective(tried)
-        if tried is None or not cost_try < cost:
-            damping *= 30.0
-            if damping > 1e6:
-                break
-            continue
-        ended = cost - cost_try < config.tolerance * cost
-        state, cost, damping = tried, cost_try, max(damping * 0.1, 1e-9)
-        if ended:
-            break
-        problem.linearise(state)
-    return state
 
 
 def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,

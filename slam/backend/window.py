@@ -13,8 +13,9 @@ from typing import Generic
 
 import numpy as np
 
-from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State, levenberg_marquardt
+from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State
 from slam.backend.config import BundleConfig, WindowConfig
+from slam.backend.descend import levenberg_marquardt
 from slam.backend.families import Family, Room
 from slam.backend.pose_covariance import step_covariances
 from slam.backend.refine_run import filled_in
@@ -173,7 +174,7 @@ class SlidingWindow:
         begin = State(path.T_body_camera, self.points.alive.place[points],
                       self.lines.alive.place[lines])
         known = [seen.begin(number, family) for seen, family in self._sides(problem)]
-        cost = problem.linearise(*begin)
+        cost = problem.linearise(begin)
         if any(known):
             cost -= problem.drop_misfits()
         state = levenberg_marquardt(problem, begin, self.bundle, cost)

@@ -196,7 +196,8 @@ def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConf
         uv_a=uv, rho_a=rho_a, rho_sigma_a=sigma_rho, uv_b=uv + mean[:, 2:4],
         flow_cov=variance[:, None, None] * np.eye(2),
         rho_b=_without_bias(mean_b, rho_variance),
-        rho_sigma_b=np.where(known_b, sigma_rho, np.inf), rho_slope_b=np.where(known_b[:, None], sums[:, 8:], 0.0),
+        rho_sigma_b=np.where(known_b, sigma_rho, np.inf),
+        rho_slope_b=np.where(known_b[:, None], sums[:, 8:], 0.0),
         group=group, kind=np.full(len(n), kind))
 
 

@@ -161,8 +161,12 @@ class SdplSlam:
         return flow_of_masks(flow, previous.label_index, unknown, previous.gray, current.gray)
 
     def _follow_objects(self, current: Observation, pairs: dict[int, int], before_s: float,
-                        T_world_camera: Array) -> None:
-        """Tracks of the masks: those that follow from the frame before, and those found again."""
+                        T_world_camera: Array) -> dict[int, int]:
+        """Tracks of the masks: those that follow from the frame before, and those found again.
+
+        Returns:
+            label now -> lost track, of those found again.
+        """
         stamp_s = current.frame.stamp_s
         seen = sightings(current.labels, current.label_index, current.rho, current.frame.rgb,
                          T_world_camera, self.intrinsics)
@@ -172,6 +176,7 @@ class SdplSlam:
         labels = [int(x) for x in current.labels[1:]]
         self.objects.relabel(pairs, labels, before_s, stamp_s, again, current.carried)
         self.objects.locate(seen, stamp_s)
+        return again
 
     def _expected_motion(self, frame: Frame) -> Array:
         assert self.previous is not None
@@ -196,14 +201,14 @@ class SdplSlam:
               tracked: Tracked, clock: Stopwatch) -> FrameEstimate:
         assert self.previous is not None
         frame, before = current.frame, self.previous.frame
-        self._follow_objects(current, pairs, before.stamp_s,
-                             self.history.T_world_camera @ tracked.T_a_b)
+        again = self._follow_objects(current, pairs, before.stamp_s,
+                                     self.history.T_world_camera @ tracked.T_a_b)
         estimate = self.history.add_tracked(frame, before, tracked, self.objects, self.config)
         clock.lap("objects")
         self.features.advance(current, detected.result(), tracked)
         clock.lap("detect")
         self.previous, self._unmatched = current, 0
-        new = [f"mask {label}: no mask of the frame before leads to it"
+        new = [f"mask {label}: {'seen again' if label in again else 'first seen'}"
                for label in current.labels[1:] if int(label) not in pairs]
         estimate = replace(estimate, points=self.features.points, segments=self.features.segments,
                            timings_ms=clock.laps_ms(),

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from point_world import CAMERA, RHO_SIGMA, UV_SIGMA
-from slam.backend.chained import ChainedProblem, _descend, solve
+from slam.backend.chained import ChainedProblem, solve
 from slam.backend.chains import chain_steps, reduce_chains
 from slam.backend.config import BundleConfig, ChainConfig
+from slam.backend.descend import levenberg_marquardt
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
 from slam.line_sightings import packed
@@ -196,6 +197,6 @@ def test_equal_runs_give_equal_bytes():
     for _ in range(2):
         problem = ChainedProblem(dynamic_world(5, noise=1.0, drift=1e-3)[0], CAMERA, BUNDLE,
                                  ChainConfig())
-        states.append(_descend(problem, problem.begin, BundleConfig(iterations=2)))
+        states.append(levenberg_marquardt(problem, problem.begin, BundleConfig(iterations=2)))
     assert states[0].X.tobytes() == states[1].X.tobytes()
     assert states[0].H[1].tobytes() == states[1].H[1].tobytes()

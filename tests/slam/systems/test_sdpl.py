@@ -60,7 +60,7 @@ def test_a_mask_that_continues_none_is_named_with_the_reason(two_boxes):
     labels[60, 80:83] = 77
     spoilt = [*frames[:2], replace(frames[2], instance_id=labels), frames[3]]
     _, estimates = run(spoilt)
-    assert "mask 77: no mask of the frame before leads to it" in estimates[2].reason
+    assert "mask 77: first seen" in estimates[2].reason
     assert not estimates[1].reason
 
 
