@@ -32,8 +32,9 @@ class Anchors:
     def __init__(self, camera: Intrinsics, config: AnchorConfig, inverse_depth_sigma: float
                  ) -> None:
         self.camera, self.config, self.sigma = camera, config, inverse_depth_sigma
-        self.alignment = RefineConfig(radius_px=config.radius_px, prior_sigma_px=1.5,
-                                      min_correlation=config.min_correlation)
+        self.alignment = RefineConfig(
+            radius_px=config.radius_px, prior_sigma_px=config.prior_sigma_px,
+            max_move_px=config.max_move_px, min_correlation=config.min_correlation)
         self._side = 2 * config.radius_px + 4        # with what the interpolation reaches for
         self._grow_to(1024)
         self.known = np.zeros(len(self._uv), bool)
@@ -106,8 +107,7 @@ def pinned(points: KeyPoints, which: Array, sigma_px: float) -> KeyPoints:
     What such a landmark is, is defined by this pixel: as far as it errs, all later sightings err
     alike.
     """
-    whitening = (np.zeros((len(points), 4)) if points.whitening is None
-                 else points.whitening.copy())
+    whitening = points.known_better()
     whitening[which, :3] = np.array([1.0, 0.0, 1.0]) / sigma_px
     return replace(points, whitening=whitening)
 
@@ -142,8 +142,7 @@ def sharpened(points: KeyPoints, which: Array, aligned: RefinedMatches, sigma_px
     good = aligned.converged
     at = which[good]
     uv = points.uv_px.copy()
-    whitening = (np.zeros((len(points), 4)) if points.whitening is None
-                 else points.whitening.copy())
+    whitening = points.known_better()
     uv[at] = aligned.uv_current[good]
     whitening[at, :3] = whitening_of(aligned.covariance[good] + sigma_px**2 * np.eye(2))
     return replace(points, uv_px=uv, whitening=whitening)

@@ -10,8 +10,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from slam.frontend.sampling import depth_at
 from slam.geometry.arrays import Array
 
+_REACH_PX = 3.0          # of a corner on the finest level: FAST's circle
 _SAMPLES = 2             # to each side of a point
 _STEEPER = 2.0           # on a plane inverse depth rises to one side as it falls to the other
 _SAME = 0.03             # of the inverse depth: less is no border
@@ -28,6 +30,19 @@ def behind_border(depth_m: Array, uv_px: Array, reach_px: Array, inverse_depth_s
         inverse_depth_sigma: 1/m, of a pixel.
     """
     return np.asarray(_behind(depth_m, uv_px, reach_px, inverse_depth_sigma))
+
+
+def depth_off_borders(depth_m: Array, uv_px: Array, scale: Array, inverse_depth_sigma: float
+                      ) -> Array:
+    """(N,) z-depth of points (N, 2); 0 where unknown, or of what the point does not lie on.
+
+    Args:
+        depth_m: (H, W) float32, 0 where there is none.
+        scale: (N,) of each point's pyramid level, in pixels of the finest one.
+        inverse_depth_sigma: 1/m, of a pixel.
+    """
+    hidden = behind_border(depth_m, uv_px, _REACH_PX * scale, inverse_depth_sigma)
+    return np.where(hidden, 0.0, depth_at(depth_m, uv_px))
 
 
 @numba.njit(cache=True, nogil=True)

@@ -99,6 +99,9 @@ class AnchorConfig:
     enabled: bool = True
     radius_px: int = 5               # 11×11 patches
     min_correlation: float = 0.85
+    prior_sigma_px: float = 0.7      # of where the map and the pose from corners put a patch
+    max_move_px: float = 1.5         # from there; farther is another thing
+    apart_px: float = 5.0            # landmarks without a corner are sought so far from others
     sigma_px: float = 0.3            # of aligned points, beside what the patches tell, before the
     least_sigma_px: float = 0.06     # frame's own residuals tell it; it is this at least
     own_sigma_px: float = 0.05       # of a landmark in the keyframe that its patch is of

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 
@@ -55,6 +57,22 @@ def cull_points(features_px: Array, dynamic_px: Array, boxes: Array, full: Array
     gone = np.asarray(in_box[full].any(axis=0))
     return np.asarray(~(gone | _near_dynamic(features_px, dynamic_px, in_box, dynamic_in,
                                              near_px**2, near_outside_px**2)))
+
+
+@dataclass(frozen=True, slots=True)
+class StillGround:
+    """Where in a frame nothing was found to move."""
+
+    dynamic_px: Array    # (D, 2) corners that moved
+    boxes: Array         # (B, 4) usable boxes
+    full: Array          # (B,) bool: culled whole
+    near_px: float       # of a corner that moved and is in the same box
+    near_outside_px: float       # of one outside all boxes
+
+    def holds(self, uv_px: Array) -> Array:
+        """(N,) bool: which positions (N, 2) are static (Algorithm 1)."""
+        return cull_points(uv_px, self.dynamic_px, self.boxes, self.full, self.near_px,
+                           self.near_outside_px)
 
 
 @numba.njit(cache=True, nogil=True)

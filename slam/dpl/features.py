@@ -35,6 +35,10 @@ class KeyPoints:
                          self.descriptor[rows], self.depth_m[rows],
                          None if self.whitening is None else self.whitening[rows])
 
+    def known_better(self) -> Array:
+        """(N, 4) whitening that may be written to; 0 of points that are as detected."""
+        return np.zeros((len(self), 4)) if self.whitening is None else self.whitening.copy()
+
 
 @dataclass(frozen=True, slots=True)
 class KeyLines:
@@ -75,6 +79,15 @@ class Features:
         whitening = whitening.copy()
         whitening[better, :3] = across[:, None] * [1.0, 0.0, 1.0]
         return replace(self, points=replace(self.points, whitening=whitening))
+
+
+def joined(a: KeyPoints, b: KeyPoints) -> KeyPoints:
+    """The points of both, a's first."""
+    return KeyPoints(np.concatenate([a.uv_px, b.uv_px]), np.concatenate([a.level, b.level]),
+                     np.concatenate([a.angle_deg, b.angle_deg]),
+                     np.concatenate([a.descriptor, b.descriptor]),
+                     np.concatenate([a.depth_m, b.depth_m]),
+                     np.concatenate([a.known_better(), b.known_better()]))
 
 
 def no_points() -> KeyPoints:

@@ -63,6 +63,11 @@ class Landmarks:
         self._found[rows] = self._visible[rows] = 1
         return rows
 
+    def level_at(self, rows: Array, distance_m: Array, scale: float) -> Array:
+        """(N,) at which level of a pyramid landmarks look as they did, seen from distances (N,)."""
+        nearer = self.distance[rows] / distance_m
+        return np.asarray(self.level[rows] + np.log(nearer) / np.log(scale))
+
     def count_use(self, in_view: Array, used: Array) -> None:
         """A frame should have seen the landmarks `in_view` (N,), and its pose used these (M,)."""
         self._visible[in_view] += 1

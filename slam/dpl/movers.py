@@ -10,8 +10,8 @@ import numpy as np
 
 from slam.dpl.config import DplConfig
 from slam.dpl.culling import (
+    StillGround,
     cull_lines,
-    cull_points,
     full_boxes,
     inside_boxes,
     usable_boxes,
@@ -51,8 +51,7 @@ class Culled:
 
     points: Array        # (N,) bool: static
     lines: Array         # (L,) bool: static
-    dynamic_px: Array    # (D, 2) corners that moved
-    full: Array          # (B, 4) boxes culled whole
+    ground: StillGround
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,11 +196,10 @@ class MoverCuller:
         points = features.points.uv_px
         full = full_boxes(dynamic, points, area, c.share, c.share_of, tested)
         full = self._with_memory(area, full, stamp_s)
-        return Culled(cull_points(points, dynamic, area, full, c.near_px,
-                                  c.near_outside_px),
+        ground = StillGround(dynamic, area, full, c.near_px, c.near_outside_px)
+        return Culled(ground.holds(points),
                       cull_lines(features.lines.ends_px, dynamic, area, full, c.near_px,
-                                 c.near_outside_px),
-                      dynamic, area[full])
+                                 c.near_outside_px), ground)
 
     def _with_memory(self, area: Array, full: Array, stamp_s: float) -> Array:
         """Boxes that go whole, now or because their thing moved a short while ago."""

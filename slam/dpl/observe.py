@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from slam.dpl.config import DplConfig
+from slam.dpl.culling import StillGround
 from slam.dpl.epipolar import corners
 from slam.dpl.features import Features, KeyLines
 from slam.dpl.lines import LineDetector
@@ -16,6 +17,15 @@ from slam.dpl.picture import Picture
 from slam.dpl.stereo import StereoMatcher
 from slam.geometry.arrays import Array
 from slam.types import Frame, Intrinsics, Judged
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What is kept of a frame, and why."""
+
+    features: Features       # those that stay
+    judged: Judged | None    # all that were found; None: nothing was tested for motion
+    ground: StillGround | None   # where nothing was found to move; None: not tested
 
 
 class FrameObserver:
@@ -32,7 +42,7 @@ class FrameObserver:
         self._beside = ThreadPoolExecutor(1)     # cv2 lets go of the interpreter's lock
 
     def __call__(self, picture: Picture, frame: Frame, T_a_b: Array, lap: Callable[[str], None]
-                 ) -> tuple[Features, Judged | None]:
+                 ) -> Observed:
         """The features that stay, and what was judged of all of them.
 
         Args:
@@ -61,11 +71,13 @@ class FrameObserver:
             whole = self.stereo(whole, right[0], picture.smooth, pair[0].smooth)
             lap("stereo")
         if not culls:
-            return whole, None
+            return Observed(whole, None, None)
         culled = self.movers.cull(whole, moved, frame.stamp_s)
         lap("cull")
-        return (Features(whole.points[culled.points], whole.lines[culled.lines]),
-                Judged(whole.points.uv_px, ~culled.points, whole.lines.ends_px, ~culled.lines))
+        return Observed(
+            Features(whole.points[culled.points], whole.lines[culled.lines]),
+            Judged(whole.points.uv_px, ~culled.points, whole.lines.ends_px, ~culled.lines),
+            culled.ground)
 
     def _right_of(self, frame: Frame, picture: Picture) -> list[Picture]:
         """The right picture, where depth must come from it."""

@@ -6,16 +6,14 @@ import cv2
 import numba
 import numpy as np
 
-from slam.dpl.borders import behind_border
+from slam.dpl.borders import depth_off_borders
 from slam.dpl.config import DepthConfig, OrbConfig
 from slam.dpl.fast import BORDER_PX, PADDING_PX, FastDetector
 from slam.dpl.features import KeyPoints
-from slam.frontend.sampling import depth_at
 from slam.geometry.arrays import Array
 
 _OVERSAMPLED = 3     # candidates for each point that is kept
 _FILL = 1.6          # cells for each point that is kept: many cells stay empty
-_REACH_PX = 3.0      # of a corner on the finest level: FAST's circle
 _RADIUS = 15         # px of the disc that tells a point's angle
 
 
@@ -54,14 +52,10 @@ class OrbDetector:
             if mine.any():
                 angle[mine] = angles_deg(image, at[mine] + PADDING_PX)
                 descriptor[mine] = self._describe(image, at[mine], angle[mine])
-        depth = np.zeros(len(uv)) if depth_m is None else self._depth(depth_m, uv, level)
+        depth = np.zeros(len(uv)) if depth_m is None else depth_off_borders(
+            depth_m, uv, self.config.scale ** level.astype(np.float64),
+            self.depth.inverse_depth_sigma)
         return KeyPoints(uv, level, angle, descriptor, depth)
-
-    def _depth(self, depth_m: Array, uv_px: Array, level: Array) -> Array:
-        """(N,) z-depth of points (N, 2); 0 where unknown, or of what the point does not lie on."""
-        reach_px = _REACH_PX * self.config.scale ** level.astype(np.float64)
-        hidden = behind_border(depth_m, uv_px, reach_px, self.depth.inverse_depth_sigma)
-        return np.where(hidden, 0.0, depth_at(depth_m, uv_px))
 
     def _describe(self, padded: Array, at: Array, angle_deg: Array) -> Array:
         """(N, 32) uint8 of points at pixels (N, 2) of a level, all off its border."""

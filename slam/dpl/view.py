@@ -31,12 +31,16 @@ def points_in_view(points: Landmarks, rows: Array, T_world_camera: Array, camera
     away = T_world_camera[:3, 3] - xyz
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
     cosine = np.sum(away * points.normal[rows], axis=1) / distance
-    level = points.level[rows] + np.log(points.distance[rows] / distance) / np.log(scale)
+    level = points.level_at(rows, distance, scale)
     with np.errstate(invalid="ignore"):
         seen = (inside(uv, (camera.height, camera.width)) & (cosine > _MIN_COSINE)
                 & (level > -1.5) & (level < levels + 0.5))
-    at = np.clip(np.rint(level[seen]), 0, levels - 1).astype(np.int32)
-    return PointsInView(rows[seen], uv[seen], at)
+    return PointsInView(rows[seen], uv[seen], whole_level(level[seen], levels))
+
+
+def whole_level(level: Array, levels: int) -> Array:
+    """(N,) int32 the nearest of the pyramid's levels."""
+    return np.asarray(np.clip(np.rint(level), 0, levels - 1).astype(np.int32))
 
 
 class LinesInView(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.dpl.config import DplConfig
+from slam.dpl.culling import StillGround
 from slam.dpl.features import Features
 from slam.dpl.history import FrameHistory
 from slam.dpl.keyframes import Keyframe, PointLineMap
@@ -48,6 +49,7 @@ class DplSlam:
         self.map = PointLineMap()
         self.history = FrameHistory(self.map)
         self.picture: Picture | None = None
+        self.ground: StillGround | None = None
         self.before: TrackedFrame | None = None
         self.reference: Reference | None = None
         self.lost_with_features = 0
@@ -56,11 +58,11 @@ class DplSlam:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
         self.picture = picture = Picture.of(frame, self.config.depth)
-        features, judged = self.observe(
-            picture, frame, self.history.expected_motion(frame.stamp_s), clock.lap)
-        estimate = self._localise(frame, features, clock)
+        seen = self.observe(picture, frame, self.history.expected_motion(frame.stamp_s), clock.lap)
+        self.ground = seen.ground
+        estimate = self._localise(frame, seen.features, clock)
         reason = "; ".join(part for part in (estimate.reason, self.observe.stereo.fault) if part)
-        return replace(estimate, judged=judged, reason=reason)
+        return replace(estimate, judged=seen.judged, reason=reason)
 
     def _localise(self, frame: Frame, features: Features, clock: Stopwatch) -> FrameEstimate:
         if self.reference is None:
@@ -171,20 +173,19 @@ class DplSlam:
         points, lines = self.map.landmarks_of(local or [self.map.newest()])
         seen = self.tracker.look_for(self.map, points, lines, features, T_world_camera,
                                      c.local_search_px)
-        pairs, p_rows, q_rows = seen.pairs, seen.points, seen.lines
-        fit = self.tracker.fit(T_world_camera, pairs, features)
+        fit = self.tracker.fit(T_world_camera, seen.pairs, features)
         if fit.inliers < c.min_inliers:
             return None
         T = fit.T_world_camera
         if self.config.anchors.enabled:
             assert self.picture is not None
-            features = self.memory.sharpen(self.map, features, pairs, fit.point_fits, p_rows, T,
-                                           self.picture)
-        covariance = self.memory.covariance(pairs, p_rows, q_rows, T)
-        fit = self.tracker.fit(T, pairs, features, covariance)
+            features, seen = self.memory.sharpen(self.map, features, seen, fit.point_fits, T,
+                                                 self.picture, self.ground)
+        covariance = self.memory.covariance(seen, T)
+        fit = self.tracker.fit(T, seen.pairs, features, covariance)
         if self.config.anchors.enabled:
-            features = self.memory.weigh(features, pairs, fit.point_fits, fit.T_world_camera)
-            fit = self.tracker.fit(fit.T_world_camera, pairs, features, covariance)
+            features = self.memory.weigh(features, seen.pairs, fit.point_fits, fit.T_world_camera)
+            fit = self.tracker.fit(fit.T_world_camera, seen.pairs, features, covariance)
         return _associated(features, seen, fit), seen
 
     def _keep(self, frame: Frame, tracked: TrackedFrame, seen: Seen, clock: Stopwatch
