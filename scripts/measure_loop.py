@@ -3,12 +3,13 @@
     simbench generate Loop-v0 --stereo --size 608x184 --frames 345 --seed 1 --out loop1
     python scripts/measure_loop.py loop1 [MORE FOLDERS] [--system dpl] [--depth stereo]
 
-A loop is false if the pose it claims is off by more than 0.5 m or 5°. Map lines are compared with
-the true static edges of the scene, as the trajectories' alignment places them. Many lines are drawn
-on walls and roads, not built; so those lines count that are edges: that lie within 0.2 m of one
-where their reference keyframe, at its true pose, puts them. Their mean distance from the nearest
-edge is what a map bent by drift, or lines that do not follow their keyframes, would enlarge; `at
-best` is what it is with true keyframes.
+Of stereo pairs the systems match points and lines themselves, as in `simbench run`. A loop is false
+if the pose it claims is off by more than 0.5 m or 5°. Map lines are compared with the true static
+edges of the scene, as the trajectories' alignment places them. Many lines are drawn on walls and
+roads, not built; so those lines count that are edges: that lie within 0.2 m of one where their
+reference keyframe, at its true pose, puts them. Their mean distance from the nearest edge is what a
+map bent by drift, or lines that do not follow their keyframes, would enlarge; `at best` is what it
+is with true keyframes.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         assert isinstance(config, DplConfig)
         systems = [DplSlam(feed.intrinsics, replace(config, loop=replace(
             config.loop, enabled=enabled))) for enabled in (False, True)]
+        feed.leave_stereo_to(systems[0])
         for k in range(len(feed)):
             frame = feed.frame(k)
             for system in systems:

@@ -49,7 +49,7 @@ def test_the_table_of_bounds_holds_camera_and_objects(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("name", ["benchmark_tracking", "measure_determinism", "measure_real",
-                                  "check_kitti_truth", "measure_suites"])
+                                  "check_kitti_truth", "measure_suites", "measure_loop"])
 def test_a_script_loads(name: str):
     assert script(name).main.__name__ == "main"
 
@@ -69,3 +69,14 @@ def test_the_table_of_nees_holds_camera_and_objects(capsys: pytest.CaptureFixtur
     assert row[0] == "SwingingBoxes-v0"
     assert 0 < float(row[1]) < 30
     assert 0 < float(row[4]) < 60
+
+
+def test_loops_are_counted_where_there_are_none(capsys: pytest.CaptureFixture[str]):
+    measured = script("measure_false_loops")
+    measured.CASES["Loop-v0"] = measured.Case((304, 92), 3, 10.0, None, {"camera_speed": 2.0})
+    measured.main(["--scenes", "Loop-v0", "--seeds", "1"])
+    header, _, row = (cells(line) for line in capsys.readouterr().out.splitlines())
+    read = dict(zip(header, row, strict=True))
+    assert (read["runs"], read["closed"], read["false"], read["ratio"]) == ("1", "0", "0", "")
+    pairs = measured.Total(ate_m=[(0.08, 0.04), (0.06, 0.015)])
+    assert measured._gain(pairs).split(" | ")[2].startswith("0.3536 (0.25")

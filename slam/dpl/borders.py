@@ -16,8 +16,10 @@ from slam.geometry.arrays import Array
 _REACH_PX = 3.0          # of a corner on the finest level: FAST's circle
 _SAMPLES = 2             # to each side of a point
 _STEEPER = 2.0           # on a plane inverse depth rises to one side as it falls to the other
-_SAME = 0.03             # of the inverse depth: less is no border
+_SAME = 0.01             # of the inverse depth: less is no border
 _SIGMAS = 3.0            # of a pixel, though means of nine are compared: noise is no border
+_QUANTILE, _AT_QUANTILE = 0.8, 1.2816    # of |x|, and where it lies for x of variance 1
+_ROW_STEP = 4            # rows that noise is read from
 
 
 def behind_border(depth_m: Array, uv_px: Array, reach_px: Array, inverse_depth_sigma: float
@@ -27,9 +29,25 @@ def behind_border(depth_m: Array, uv_px: Array, reach_px: Array, inverse_depth_s
     Args:
         depth_m: (H, W) float32, 0 where there is none.
         reach_px: (N,) how far a point's own corner reaches.
-        inverse_depth_sigma: 1/m, of a pixel.
+        inverse_depth_sigma: 1/m, of a pixel, at most: less where the image itself shows less, as
+            slight reliefs of far walls would hide in it.
     """
-    return np.asarray(_behind(depth_m, uv_px, reach_px, inverse_depth_sigma))
+    sigma = min(inverse_depth_sigma, noise_of_inverse_depth(depth_m))
+    return np.asarray(_behind(depth_m, uv_px, reach_px, sigma))
+
+
+def noise_of_inverse_depth(depth_m: Array) -> float:
+    """Standard deviation (1/m) of a pixel, by second differences along rows; inf where unknown.
+
+    Inverse depth rises evenly along a plane. No median: quantised depth has none in most places.
+    """
+    rows = depth_m[::_ROW_STEP]
+    known = (rows[:, 2:] > 0) & (rows[:, 1:-1] > 0) & (rows[:, :-2] > 0)
+    rho = 1.0 / np.where(rows > 0, rows, 1.0)
+    bend = np.abs(rho[:, 2:] - 2.0 * rho[:, 1:-1] + rho[:, :-2])[known]
+    if not len(bend):
+        return np.inf
+    return float(np.quantile(bend, _QUANTILE) / (_AT_QUANTILE * np.sqrt(6.0)))
 
 
 def depth_off_borders(depth_m: Array, uv_px: Array, scale: Array, inverse_depth_sigma: float

@@ -44,7 +44,7 @@ class StereoConfig:
     max_disparity_px: float = 192.0  # 2 m on KITTI
     descriptor_distance: int = 75    # bits of 256 (ORB-SLAM)
     max_move_px: float = 3.0         # of the alignment; farther is a failure
-    sigma_px: float = 0.2            # of disparities, beside what the patches tell
+    sigma_px: float = 0.05           # of disparities, beside what the patches tell
     grid_rows: int = 48              # of cells that segments must share (PL-SLAM)
     line_distance: int = 80          # bits
     line_cosine: float = 0.94        # of the directions: 20°

@@ -18,6 +18,7 @@ from slam.types import Intrinsics
 
 _log = logging.getLogger(__name__)
 
+_RELIEF = 2.1            # what disparities err by over what flat patches would, in the median
 _SUSPICIOUS_SHARE = 0.2  # of points with a partner; with fewer a pair is looked into
 _ENOUGH = 30             # matches that tell whether a pair is one
 _SWAPPED_SHARE = 0.6     # of them with negative disparity
@@ -65,7 +66,7 @@ def with_stereo_depth(left: Features, right: Features, smooth_left: Array, smoot
                                 config)
     depth = np.where(disparity > 0, K / np.where(disparity > 0, disparity, 1.0), 0.0)
     whitening = np.zeros((len(left.points), 4))
-    whitening[:, 3] = np.where(disparity > 0, K / np.hypot(sigma, config.sigma_px), 0.0)
+    whitening[:, 3] = np.where(disparity > 0, K / np.hypot(_RELIEF * sigma, config.sigma_px), 0.0)
     return Features(replace(left.points, depth_m=depth, whitening=whitening),
                     _lines_with_depth(left.lines, right.lines, K, config,
                                       smooth_left.shape))

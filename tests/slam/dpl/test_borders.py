@@ -1,8 +1,9 @@
 """Points beside the border of a nearer surface show what lies behind."""
 
 import numpy as np
+import pytest
 
-from slam.dpl.borders import behind_border
+from slam.dpl.borders import behind_border, noise_of_inverse_depth
 from slam.dpl.config import OrbConfig
 from slam.dpl.orb import OrbDetector
 
@@ -32,6 +33,29 @@ def test_a_plane_has_no_border_however_steep():
     ground = 1.6 * 50.0 / (v + 4.0)               # from 20 m in the first row to 1.3 m
     u, v = np.meshgrid(np.arange(8, 72, 4), np.arange(8, 52, 4))
     assert not behind(ground, np.stack([u, v], -1)).any()
+
+
+def test_a_slight_relief_has_a_border_where_the_depth_is_as_good_as_that():
+    """A window's reveal of 0.4 m, 15 m away: within three standard deviations, of which there are
+    none in this image."""
+    relief = step(14.6, 15.0)
+    at = [[27, 30], [32, 30], [50, 30]]
+    assert behind(relief, at).tolist() == [False, True, False]
+    rng = np.random.default_rng(0)
+    assert not behind(1.0 / (1.0 / relief + rng.normal(0.0, SIGMA, relief.shape)), at).any()
+
+
+def test_the_noise_of_inverse_depth_is_found_in_the_image():
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:240, :320]
+    plane = 0.2 + 0.0005 * u + 0.0002 * v
+    plane[:, 200:] += 0.3                          # a border of something nearer
+    noise = rng.normal(0.0, 0.001, plane.shape)
+    assert noise_of_inverse_depth(1.0 / plane) < 1e-7
+    assert noise_of_inverse_depth(1.0 / (plane + noise)) == pytest.approx(0.001, rel=0.05)
+    quantised = np.round((plane + noise) / 0.003) * 0.003
+    assert 0.0005 < noise_of_inverse_depth(1.0 / quantised) < 0.003
+    assert noise_of_inverse_depth(np.zeros((40, 60))) == np.inf
 
 
 def test_noise_is_no_border():
