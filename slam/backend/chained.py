@@ -38,6 +38,8 @@ _SMALLEST_RATIO = 1e-3     # noise-free input must not make the system singular
 
 
 class State(NamedTuple):
+    """Cameras, motions and landmarks of a run: all that the batch moves."""
+
     X: Array                     # (F, 4, 4) T_world_camera
     H: tuple[Array, ...]         # of each body (f, 4, 4)
     place: tuple[tuple[Array, ...], ...]   # of each body, its points' and its lines' nodes
@@ -85,7 +87,10 @@ class _Body:
         return float(np.sum(self.smooth(H).r ** 2)) if self.moving else 0.0
 
     def reduced(self, damping: float) -> tuple[Array, Array]:
-        """What this body's chains, and then its motions, leave of its cameras: (6f, 6f), (6f,)."""
+        """What this body's chains, and then its motions, leave of its cameras: (6f, 6f), (6f,).
+
+        Before, unknowns are its f cameras, then the f motions that lead to its frames.
+        """
         f = len(self.at)
         S, g = np.zeros((12 * f, 12 * f)), np.zeros(12 * f)
         for family in self.families:

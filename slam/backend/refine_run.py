@@ -164,7 +164,7 @@ def refine_body(body: BodyRecord, number: int, record: MapRecord, camera: Intrin
 
 
 def of_body(features: Features[Landmarks, Observations], body: BodyRecord, number: int,
-             config: BundleConfig) -> tuple[Array, Observations]:
+            config: BundleConfig) -> tuple[Array, Observations]:
     """Where a body's landmarks start, and their sightings by row of them and of the path."""
     landmarks, s = features.landmarks(), features.observations()
     row_of = np.full(max(body.frames) + 1, -1)

@@ -26,6 +26,8 @@ class SlamSystem(Protocol):
 
 
 class Preset(NamedTuple):
+    """A name's meaning: what it is, in a line, and the settings that make it."""
+
     description: str
     config: SystemConfig
 
