@@ -18,7 +18,7 @@ from slam.geometry.arrays import Array
 COLOURS = (ESTIMATE, *PALETTE)
 _MARKERS = "osD^vP*X"
 _MANY_TIMES = 30.0     # a span beyond which an axis goes by powers of ten
-_CROWDED = 0.1         # of the axis: dial values nearer than this are set at equal steps instead
+_CROWDED = 0.12        # of the axis: dial values nearer than this are set at equal steps instead
 
 
 def curve_plots(summary: Sequence[Mapping[str, Any]], meaning: Sequence[Mapping[str, Any]],
