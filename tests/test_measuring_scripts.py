@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -80,3 +81,22 @@ def test_loops_are_counted_where_there_are_none(capsys: pytest.CaptureFixture[st
     assert (read["runs"], read["closed"], read["false"], read["ratio"]) == ("1", "0", "0", "")
     pairs = measured.Total(ate_m=[(0.08, 0.04), (0.06, 0.015)])
     assert measured._gain(pairs).split(" | ")[2].startswith("0.3536 (0.25")
+
+
+def test_breaking_points_are_read_off_a_suites_curves(tmp_path: Path,
+                                                      capsys: pytest.CaptureFixture[str]):
+    def run(value: float, seed: int, place: str, error: float) -> dict:
+        return {"case": "street", "system": "sdpl", "seed": seed, "status": "done",
+                "point": {"texture": value, "surroundings": place},
+                "metrics": {"camera.E_t": error}}
+
+    runs = [run(value, seed, place, 0.01 * (1 - value) if place == "open" else 0.0)
+            for value in (1.0, 0.5, 0.0) for seed in (0, 1) for place in ("open", "houses")]
+    (tmp_path / "results.json").write_text(json.dumps({"runs": runs, "suite": {
+        "seeds": [0, 1], "cases": [{"name": "street", "sweep": [["texture", [1.0, 0.5, 0.0]]]}]}}))
+    words = [str(tmp_path), "--case", "street", "--dial", "texture", "--systems", "sdpl",
+             "--limit", "camera.E_t=0.004", "--where"]
+    assert script("breaking_of_suite").main([*words, "surroundings=open"]) == 0
+    assert "holds until texture 0.6 [0.6, 0.6]" in capsys.readouterr().out
+    assert script("breaking_of_suite").main([*words, "surroundings=houses"]) == 0
+    assert "holds from texture 1 to 0, in 100 %" in capsys.readouterr().out

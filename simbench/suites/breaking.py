@@ -123,7 +123,7 @@ def _search_one(values_at: Callable[[str, float], Array], system: str, dial: Dia
             seen[middle] = values_at(system, middle)
             easy, hard = (easy, middle) if _is_broken(limit, seen[middle]) else (middle, hard)
     order = sorted(seen, reverse=ends[0] > ends[1])
-    return _told(system, np.array(order), np.array([seen[x] for x in order]), limit)
+    return breaking_of(system, np.array(order), np.array([seen[x] for x in order]), limit)
 
 
 def _is_broken(limit: Limit, values: Array) -> bool:
@@ -135,8 +135,13 @@ def _mean(values: Array) -> float:
     return float(values.mean())
 
 
-def _told(system: str, x: Array, values: Array, limit: Limit) -> Breaking:
-    """The crossing, and where it lies when the seeds are drawn again (V, S)."""
+def breaking_of(system: str, x: Array, values: Array, limit: Limit) -> Breaking:
+    """The crossing, and where it lies when the seeds are drawn again.
+
+    Args:
+        x: (V,) the dial's values, from easy to hard.
+        values: (V, S) the metric of every seed at each, NaN where there is none.
+    """
     rng = np.random.default_rng(0)
     seeds = values.shape[1]
     drawn = rng.integers(0, seeds, (_RESAMPLES, seeds))
