@@ -26,6 +26,7 @@ from slam.types import Intrinsics
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e4
 _EASE, _BRAKE = 0.1, 30.0    # damping after a step that helped, and after one that did not
 _ENDED = 1e-4                # of the cost: a step that gains less is the last
+_FEW = 20                    # keyframes whose system is small whatever their order
 _CUT_CHI2 = 1.5              # times the square of the tracker's gate
 
 
@@ -40,7 +41,7 @@ class _Rows:
 
 
 def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], camera: Intrinsics,
-           config: DplConfig, iterations: int, cut_outliers: bool = True) -> None:
+           config: DplConfig, iterations: int) -> None:
     """Refine free keyframes and all landmarks they see; write them back into the map.
 
     Sightings that do not fit afterwards are taken off their keyframes. A step that does not
@@ -49,7 +50,9 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
     points, lines = map_.landmarks_of(free)
     if len(points) + len(lines) == 0:
         return
-    keyframes = in_narrow_order(sorted([*free, *fixed], key=lambda k: k.number), map_)
+    keyframes = sorted([*free, *fixed], key=lambda k: k.number)
+    if len(keyframes) > _FEW:
+        keyframes = in_narrow_order(keyframes, map_)
     rows, seen = _collect(keyframes, points, lines, map_, camera, config)
     held = np.array([k in fixed for k in keyframes])
     if not held.any():
@@ -64,8 +67,7 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
             keyframe.T_world_camera = pose
     map_.points.xyz[points, 0] = xyz[:len(points)]
     map_.lines.xyz[lines] = xyz[len(points):].reshape(-1, 2, 3)
-    if cut_outliers:
-        _cut(map_, keyframes, rows, chi2 > _CUT_CHI2 * config.track.gate**2)
+    _cut(map_, keyframes, rows, chi2 > _CUT_CHI2 * config.track.gate**2)
 
 
 def adjust_all(map_: PointLineMap, camera: Intrinsics, config: DplConfig, iterations: int

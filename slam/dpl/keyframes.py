@@ -194,6 +194,10 @@ def shared_landmarks(map_: PointLineMap, keyframes: list[Keyframe]) -> Array:
 
 
 def _change(observers: Observers, keyframe: int, before: Array, after: Array) -> None:
+    """Tell the observers what a keyframe sees after, that saw `before`: each landmark once."""
+    if len(before) == len(after):
+        changed = before != after                 # few are, and sets are dear
+        before, after = before[changed], after[changed]
     seen, sees = unique_rows([before]), unique_rows([after])
     observers.remove(np.setdiff1d(seen, sees, assume_unique=True), keyframe)
     observers.add(np.setdiff1d(sees, seen, assume_unique=True), keyframe)
