@@ -64,7 +64,7 @@ class CullConfig:
     near_px: float = 15.0            # Algorithm 1
     near_outside_px: float = 8.0     # the same outside all boxes
     share: float = 0.4               # Algorithm 1
-    share_of: Literal["box", "frame"] = "box"   # the paper: of all features of the frame
+    share_of: Literal["frame", "box"] = "frame"  # of all features of the frame, as printed
     depth_aware: bool = True         # test the full motion where depth is known, not eq. (4) alone
     depth_sigmas: float = 5.0        # of the inverse depth, by which a corner must leave its place
     stay_dynamic_s: float = 0.5      # a box that held a mover is culled whole so long (0: paper)
