@@ -23,7 +23,7 @@ _STEEPEST = 0.03       # relative slope per pixel of a surface seen at a grazing
 
 def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, group_b: Array,
                  config: GridConfig, noise: NoiseConfig, depth_scale: float = 1.0,
-                 static_rows: int = 1) -> PointMatches:
+                 static_rows: int = 1, noisy_pixels: bool = True) -> PointMatches:
     """Cell means of a dense flow field as point matches.
 
     Noise of z, σ_z = σ z², makes 1/z too large in the mean, by σ²/ρ; the means are freed of it.
@@ -35,11 +35,13 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
             255 = to be left out. A pixel counts if it stays in its group.
         depth_scale: measured over assumed standard deviation of the depth.
         static_rows: of the static world every so many rows of pixels count.
+        noisy_pixels: each vector has noise of its own, as given flow has: where a pixel comes to
+            lie is then told by its whole cell, and slopes are fitted.
     """
     valid = np.zeros((0, 0), np.bool_) if flow.valid is None else flow.valid
     arguments = (np.ascontiguousarray(flow.flow_px, dtype=np.float32), valid, rho_a, rho_b,
                  group_a, group_b, config.max_depth_change, 8.0 * noise.inverse_depth_sigma,
-                 4.0 * depth_scale * noise.inverse_depth_sigma)
+                 4.0 * depth_scale * noise.inverse_depth_sigma, noisy_pixels)
     static, _ = _cell_sums(config.static_cell_px, static_rows, True, *arguments)
     objects, group = _cell_sums(config.object_cell_px, 1, False, *arguments)
     variance = (depth_scale * noise.inverse_depth_sigma) ** 2
@@ -53,7 +55,7 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
 @numba.njit(cache=True, nogil=True)
 def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array, rho_a: Array,
                rho_b: Array, group_a: Array, group_b: Array, max_change: float,
-               max_noise: float, noise: float) -> tuple[Array, Array]:
+               max_noise: float, noise: float, noisy_pixels: bool) -> tuple[Array, Array]:
     """Sums over the usable pixels of each cell, and each cell's group.
 
     A cell belongs to the group of its middle pixel; cells of the static world, or all others.
@@ -72,7 +74,7 @@ def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array
             if own == 255 or (own == 0) != static:
                 continue
             _add_cell(sums[used], i * cell_px, j * cell_px, cell_px, every, own, flow, valid, rho_a,
-                      rho_b, group_a, group_b, max_change, max_noise, noise)
+                      rho_b, group_a, group_b, max_change, max_noise, noise, noisy_pixels)
             if sums[used, 0] > 0.0:
                 group[used] = own
                 used += 1
@@ -102,35 +104,37 @@ def _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a,  # type: igno
 
 @numba.njit(cache=True, nogil=True)
 def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
-              rho_b, group_a, group_b, max_change, max_noise, noise):
+              rho_b, group_a, group_b, max_change, max_noise, noise, noisy_pixels):
     """Fill the sums of one cell.
 
-    Where a pixel comes to lie is told by the flow of its whole cell. By its own, those beside a
-    border would count as their noise leads away from it, and what is left errs to one side.
+    Where noisy pixels come to lie is told by the flow of their whole cell. By its own, those beside
+    a border would count as their noise leads away from it, and what is left errs to one side.
+    Estimated flow has no such noise: it keeps each pixel's own place and slope.
     """
     usable, move_u, move_v = _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a, group_a)
     if usable == 0:
         return
     height, width = rho_a.shape
-    count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = 0.0
+    count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = slope_u = slope_v = 0.0
     s_u = s_v = s_uu = s_uv = s_vv = s_ub = s_vb = 0.0      # of the pixels with depth in b
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
             if not _counts(v, u, own, flow, valid, rho_a, group_a):
                 continue
             here = rho_a[v, u]
-            x, y = u + move_u, v + move_v
+            x = u + (move_u if noisy_pixels else flow[v, u, 0])
+            y = v + (move_v if noisy_pixels else flow[v, u, 1])
             if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
                 continue
             near = int(y + 0.5), int(x + 0.5)
             if group_b[near] != own:
                 continue
-            seen = rho_b[near]
+            seen, along_u, along_v = rho_b[near], 0.0, 0.0
             i, j = int(np.floor(y)), int(np.floor(x))
             if (0 <= i < height - 1 and 0 <= j < width - 1 and group_b[i, j] == own
                     and group_b[i, j + 1] == own and group_b[i + 1, j] == own
                     and group_b[i + 1, j + 1] == own):
-                seen = _between(
+                seen, along_u, along_v = _between(
                     rho_b[i, j], rho_b[i, j + 1], rho_b[i + 1, j], rho_b[i + 1, j + 1],
                     x - j, y - i, seen, _STEEPEST * seen + noise)
             if seen > 0.0:
@@ -139,6 +143,8 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
                     continue
                 count_b += 1.0
                 sum_b += seen
+                slope_u += along_u
+                slope_v += along_v
                 p, q = u - left, v - top
                 s_u, s_v, s_ub, s_vb = s_u + p, s_v + q, s_ub + p * seen, s_vb + q * seen
                 s_uu, s_uv, s_vv = s_uu + p * p, s_uv + p * q, s_vv + q * q
@@ -151,6 +157,8 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
     sums[:5] = count, sum_u, sum_v, flow_u, flow_v
     sums[5:8] = sum_a, count_b, sum_b
     if count_b > 0.0:
+        sums[8], sums[9] = slope_u / count_b, slope_v / count_b
+    if noisy_pixels and count_b > 0.0:
         # By least squares: such a slope and the mean have no noise in common. Of the differences
         # between the pixels that each depth is read between they do, and weighed by each other
         # they bias the motion, the more so the noisier the flow.
@@ -164,7 +172,8 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _between(a, b, c, d, across, down, nearest, limit):  # type: ignore[no-untyped-def]
-    """Inverse depth between four pixels of one surface, a b above c d; else that of the nearest.
+    """Inverse depth between four pixels of one surface, a b above c d, and its slopes; else that of
+    the nearest, which has none.
 
     Reading the nearest errs alike all over a surface whose flow is nearly the same everywhere, by
     up to half a pixel's slope: an error along the ray that no number of pixels averages out.
@@ -174,9 +183,11 @@ def _between(a, b, c, d, across, down, nearest, limit):  # type: ignore[no-untyp
     """
     least, most = min(a, b, c, d), max(a, b, c, d)
     if least <= 0.0 or most - least > limit:
-        return nearest
-    upper, lower = a + across * (b - a), c + across * (d - c)
-    return upper + down * (lower - upper)
+        return nearest, 0.0, 0.0
+    upper, lower, left = b - a, d - c, c - a
+    turn = lower - upper
+    return (a + across * upper + down * (left + across * turn), upper + down * turn,
+            left + across * turn)
 
 
 def _matches(sums: Array, group: Array, pixels: int, kind: int, config: GridConfig,

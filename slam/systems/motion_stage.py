@@ -101,7 +101,7 @@ class MotionStage:
         grid = grid_matches(flow, a.rho, b.rho, a.groups(group_of_a), group_b, config.grid, noise,
                             self.scales.depth if self._noise_seen else 0.0,
                             # Flow from the images errs alike over a cell: more rows add nothing.
-                            static_rows=2 if image_flow else 1)
+                            static_rows=2 if image_flow else 1, noisy_pixels=not image_flow)
         if image_flow:
             grid = replace(grid, flow_cov=np.broadcast_to(
                 np.eye(2) * config.refine.grid_sigma_px**2, (len(grid), 2, 2)))
