@@ -14,7 +14,7 @@ from simbench.reproduce.table import load_table
 from simbench.statistics import rank_correlation
 from simbench.suites.jobs import runs_of
 
-FEW = ("--size", "96x72", "--reports", "none")
+FEW = ("--size", "160x120", "--reports", "none")
 
 
 def rows_of(path):
