@@ -196,11 +196,10 @@ def shared_landmarks(map_: PointLineMap, keyframes: list[Keyframe]) -> Array:
 def _change(observers: Observers, keyframe: int, before: Array, after: Array) -> None:
     """Tell the observers what a keyframe sees after, that saw `before`: each landmark once."""
     if len(before) == len(after):
-        changed = before != after                 # few are, and sets are dear
+        changed = before != after                 # few are
         before, after = before[changed], after[changed]
-    seen, sees = unique_rows([before]), unique_rows([after])
-    observers.remove(np.setdiff1d(seen, sees, assume_unique=True), keyframe)
-    observers.add(np.setdiff1d(sees, seen, assume_unique=True), keyframe)
+    observers.remove(before[before >= 0], keyframe)
+    observers.add(after[after >= 0], keyframe)
 
 
 def _each_once(of: Array) -> Array:
