@@ -82,7 +82,7 @@ class DynamicConfig:
 
     static_scene_flow_m_s: float = 0.12   # slower things count as static, if they never moved
     static_share_of_distance: float = 0.02   # per second; errors of flow and depth grow with it
-    common_inverse_depth_error: float = 0.0005   # 1/m, of all an object's pixels alike, per frame
+    depth_jumps: float = 2.5          # times what parts of the image err by: a thing's depth does
     static_inverse_depth_error: float = 0.0025   # 1/m, of any pixel, lasting: 1 px of stereo
     parked_after_s: float = 0.3       # still for so long, a thing serves as a part of the world
     significance: float = 4.0         # standard deviations by which the motion must stand out

@@ -27,7 +27,7 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
-    suspected: bool = False          # whether it moved when last judged, beyond doubt or not
+    suspected: bool = True           # whether it moved when last judged, beyond doubt or not
     suspected_s: float = -np.inf     # when it was last not seen to stand
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took

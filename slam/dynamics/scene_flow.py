@@ -4,7 +4,7 @@ Estimated depth is smooth: a thing's pixels are all too near or too far, by an e
 over the thing and lasts from frame to frame. A camera that drives past then sees what stands move
 along its epipolar lines, and grow or shrink. So what an error of depth explains is no motion:
 across the ray, what lies on the point's epipolar line within `static_inverse_depth_error`; along
-it, what the measured depths do not confirm, and their common error of one frame.
+it, what the measured depths do not confirm, and what they jump by together from frame to frame.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _POINTS = 100          # of an object are enough to judge it by
 _HYSTERESIS = 0.25     # a thing that moved goes on moving down to this share of the threshold
 _BEYOND_DOUBT = 1.5    # times the limit: six standard deviations
 _HIDES = 4.0           # times the threshold, noise is too large to tell that a thing stands
-_JUMP = 3.0            # times their common error, the depths of a small far thing jump now and then
+_RARE = 3.0            # times their usual jump, the depths of a small far thing jump now and then
 
 
 class Followers(NamedTuple):
@@ -33,8 +33,8 @@ class Followers(NamedTuple):
 
 
 def moving(T_a_b: Array, relative: Array, information_static: Array, information_objects: Array,
-           followers: Sequence[Followers], dt_s: float, config: DynamicConfig,
-           moved_before: Array | None = None) -> Array:
+           followers: Sequence[Followers], dt_s: float, depth_error: float,
+           config: DynamicConfig, moved_before: Array | None = None) -> Array:
     """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 beyond
     doubt, −1 not to be told, for the noise would hide it.
 
@@ -46,6 +46,7 @@ def moving(T_a_b: Array, relative: Array, information_static: Array, information
         relative: (G, 4, 4) motions of the objects against the static world, in camera a.
         information_static: (6, 6) of T_a_b.
         information_objects: (G, 6, 6) of the objects' poses.
+        depth_error: 1/m, as `common_depth_error` measures it.
         moved_before: (G,) objects known to move need to stand out less to go on moving.
     """
     sample = [f.xyz_a[:: max(1, len(f.xyz_a) // _POINTS)] for f in followers]
@@ -64,10 +65,10 @@ def moving(T_a_b: Array, relative: Array, information_static: Array, information
     every = np.concatenate([information_static[None], information_objects])
     noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
     limit_m = np.maximum(threshold * dt_s, config.significance * noise)
-    error_m = config.common_inverse_depth_error * points[:, 2] ** 2
+    jump_m = config.depth_jumps * depth_error * points[:, 2] ** 2
     level = np.zeros(len(count), np.int64)
-    for times, jump in ((1.0, 1.0), (_BEYOND_DOUBT, _JUMP)):
-        moved_m = np.hypot(across_m, np.maximum(along_m - jump * error_m, 0.0))
+    for times, jumps in ((1.0, 1.0), (_BEYOND_DOUBT, _RARE)):
+        moved_m = np.hypot(across_m, np.maximum(along_m - jumps * jump_m, 0.0))
         level += (np.bincount(of, moved_m > times * limit_m, len(count))
                   > config.moving_share * count)
     hidden = np.bincount(of, limit_m > _HIDES * threshold * dt_s, len(count)) > 0.5 * count

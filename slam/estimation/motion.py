@@ -71,6 +71,7 @@ class NoiseScales:
     flow: Array               # (kinds,)
     depth: float = 1.0
     clustering: float = 1.0   # of variances: near features err alike
+    common_depth: float = 2e-4   # 1/m, what a part's inverse depths err by together: stereo
 
 
 def refine_motions(T_a_b: Array, points: PointMatches, lines: LineMatches, camera: Intrinsics,

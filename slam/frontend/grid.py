@@ -89,17 +89,55 @@ def _counts(v, u, own, flow, valid, rho_a, group_a):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True, nogil=True)
-def _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
-               group_a):
-    """How many pixels of a cell count in their own frame, and the mean of their flow."""
-    count = move_u = move_v = 0.0
+def _flow_of_cell(top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
+                  group_a, model):
+    """The flow of a cell as a linear function of the pixel, by least squares.
+
+    Fills model (2, 3): for u and v the flow at the cell's corner, and its slopes across and down.
+
+    Returns:
+        how many pixels count in their own frame.
+    """
+    n = p_sum = q_sum = pp = pq = qq = 0.0
+    moments = np.zeros((2, 3))                   # Σ flow, Σ p flow, Σ q flow
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
-            if _counts(v, u, own, flow, valid, rho_a, group_a):
-                count += 1.0
-                move_u += flow[v, u, 0]
-                move_v += flow[v, u, 1]
-    return count, move_u / max(count, 1.0), move_v / max(count, 1.0)
+            if not _counts(v, u, own, flow, valid, rho_a, group_a):
+                continue
+            p, q = u - left, v - top
+            n, p_sum, q_sum = n + 1.0, p_sum + p, q_sum + q
+            pp, pq, qq = pp + p * p, pq + p * q, qq + q * q
+            for axis in range(2):
+                moments[axis, 0] += flow[v, u, axis]
+                moments[axis, 1] += p * flow[v, u, axis]
+                moments[axis, 2] += q * flow[v, u, axis]
+    if n == 0.0:
+        return n
+    for axis in range(2):
+        across, down = _slopes(n, p_sum, q_sum, pp, pq, qq, moments[axis])
+        model[axis, 0] = (moments[axis, 0] - across * p_sum - down * q_sum) / n
+        model[axis, 1], model[axis, 2] = across, down
+    return n
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _slopes(n, p_sum, q_sum, pp, pq, qq, moments):  # type: ignore[no-untyped-def]
+    """Slopes across and down of values f at pixels (p, q), from Σf, Σpf, Σqf; 0 if undetermined."""
+    pp, pq, qq = pp - p_sum * p_sum / n, pq - p_sum * q_sum / n, qq - q_sum * q_sum / n
+    pf, qf = moments[1] - p_sum * moments[0] / n, moments[2] - q_sum * moments[0] / n
+    det = pp * qq - pq * pq
+    if det <= 1e-6 * pp * qq:
+        return 0.0, 0.0
+    return (qq * pf - pq * qf) / det, (pp * qf - pq * pf) / det
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _place(v, u, p, q, flow, model, noisy_pixels):  # type: ignore[no-untyped-def]
+    """Where a pixel comes to lie: by its cell's flow at (p, q) in the cell, or by its own."""
+    if noisy_pixels:
+        return (u + model[0, 0] + p * model[0, 1] + q * model[0, 2],
+                v + model[1, 0] + p * model[1, 1] + q * model[1, 2])
+    return u + flow[v, u, 0], v + flow[v, u, 1]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -111,19 +149,20 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
     a border would count as their noise leads away from it, and what is left errs to one side.
     Estimated flow has no such noise: it keeps each pixel's own place and slope.
     """
-    usable, move_u, move_v = _mean_flow(top, left, cell_px, every, own, flow, valid, rho_a, group_a)
-    if usable == 0:
+    model = np.zeros((2, 3))
+    if noisy_pixels and _flow_of_cell(top, left, cell_px, every, own, flow, valid, rho_a, group_a,
+                                      model) == 0.0:
         return
     height, width = rho_a.shape
     count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = slope_u = slope_v = 0.0
-    s_u = s_v = s_uu = s_uv = s_vv = s_ub = s_vb = 0.0      # of the pixels with depth in b
+    p_sum = q_sum = pp = pq = qq = 0.0           # of the pixels with depth in b
+    moments = np.zeros(3)
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
             if not _counts(v, u, own, flow, valid, rho_a, group_a):
                 continue
-            here = rho_a[v, u]
-            x = u + (move_u if noisy_pixels else flow[v, u, 0])
-            y = v + (move_v if noisy_pixels else flow[v, u, 1])
+            here, p, q = rho_a[v, u], u - left, v - top
+            x, y = _place(v, u, p, q, flow, model, noisy_pixels)
             if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
                 continue
             near = int(y + 0.5), int(x + 0.5)
@@ -145,9 +184,10 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
                 sum_b += seen
                 slope_u += along_u
                 slope_v += along_v
-                p, q = u - left, v - top
-                s_u, s_v, s_ub, s_vb = s_u + p, s_v + q, s_ub + p * seen, s_vb + q * seen
-                s_uu, s_uv, s_vv = s_uu + p * p, s_uv + p * q, s_vv + q * q
+                p_sum, q_sum = p_sum + p, q_sum + q
+                pp, pq, qq = pp + p * p, pq + p * q, qq + q * q
+                moments[1] += p * seen
+                moments[2] += q * seen
             count += 1.0
             sum_u += u
             sum_v += v
@@ -162,12 +202,8 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
         # By least squares: such a slope and the mean have no noise in common. Of the differences
         # between the pixels that each depth is read between they do, and weighed by each other
         # they bias the motion, the more so the noisier the flow.
-        mean_u, mean_v = s_u / count_b, s_v / count_b
-        uu, uv, vv = s_uu - mean_u * s_u, s_uv - mean_u * s_v, s_vv - mean_v * s_v
-        ub, vb = s_ub - mean_u * sum_b, s_vb - mean_v * sum_b
-        det = uu * vv - uv * uv
-        if det > 1e-6 * uu * vv:
-            sums[8], sums[9] = (vv * ub - uv * vb) / det, (uu * vb - uv * ub) / det
+        moments[0] = sum_b
+        sums[8], sums[9] = _slopes(count_b, p_sum, q_sum, pp, pq, qq, moments)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

@@ -175,5 +175,6 @@ def _moving(tracked: Tracked, states: list[ObjectState], dt_s: float, config: Sd
     found = tracked.objects
     return moving(tracked.T_a_b, np.array([f.relative for f in found]).reshape(-1, 4, 4),
                   tracked.information, np.array([f.information for f in found]).reshape(-1, 6, 6),
-                  [f.followers for f in found], dt_s, config.dynamic,
+                  [f.followers for f in found], dt_s, tracked.depth_error,
+                  config.dynamic,
                   np.array([np.isfinite(s.moved_s) for s in states], dtype=np.bool_))

@@ -50,6 +50,7 @@ class Tracked:
     inlier_lines: int
     lost_because: str = ""
     sharing: float = 1.0                 # as ObjectMotion's, and errors that hang together
+    depth_error: float = 0.0             # 1/m, what a thing's depths err by together
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class Solved:
     on_images: bool            # the corners were aligned on the images
     patch_px: float            # side of the corners' patches
     clustering: float          # of the camera's errors, over the last frames
+    depth_error: float         # 1/m, what a thing's depths err by together, as known so far
     object_flow_scale: float   # noise of an object's cells over the stated one, as known so far
 
     @cached_property
@@ -106,7 +108,8 @@ def judged(solved: Solved, why: dict[int, str], intrinsics: Intrinsics,
         tuple((solved.labels[g - 1], reason) for g, reason in sorted(why.items())),
         solved.matched.corner_index[alive], motions.refined_uv_b[: len(own)][corners][alive],
         solved.matched.line_index[lines_good], motions.refined_endpoints_b[lines_good],
-        int(np.count_nonzero(good & static)), still_lines, sharing=float(solved.sharing[0]))
+        int(np.count_nonzero(good & static)), still_lines, sharing=float(solved.sharing[0]),
+        depth_error=solved.depth_error)
 
 
 def lost(reason: str) -> Tracked:

@@ -12,6 +12,7 @@ from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import moving
 from slam.estimation.calibration import DepthOffset
 from slam.estimation.covariance import rotation_sigma
+from slam.estimation.depth_parts import common_depth_error
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
 from slam.estimation.start import start_motion
 from slam.frontend.follow import (
@@ -91,7 +92,7 @@ class MotionStage:
         on_images = image_flow and self._aligns(image_flow)
         solved = Solved(matched, motions, labels_b, parked, on_images,
                         2.0 * self._align.radius_px + 1.0, self.scales.clustering,
-                        float(self.scales.flow[OBJECT_GRID_KIND]))
+                        self.scales.common_depth, float(self.scales.flow[OBJECT_GRID_KIND]))
         return judged(solved, why, self.intrinsics, self.config)
 
     def _match(self, a: Observation, b: Observation, flow: FlowField, group_of_a: dict[int, int],
@@ -174,7 +175,7 @@ class MotionStage:
                        rough.information[0], rough.information[parked],
                        [followers_of(self.intrinsics, every, every.group == group)
                         for group in parked],
-                       max(dt_s, 1e-6), self.config.dynamic)
+                       max(dt_s, 1e-6), self.scales.common_depth, self.config.dynamic)
         return np.asarray(parked[moved <= 0])
 
     def _aligns(self, image_flow: bool) -> bool:
@@ -192,11 +193,14 @@ class MotionStage:
             measured[GRID_KIND] = motions.flow_scale[0, GRID_KIND]
             keep = self.config.noise.memory if self._noise_seen else 0.0
             self._noise_seen = True
+            common = common_depth_error(points, motions.T_a_b[0], self.intrinsics)
             self.scales = NoiseScales(
                 np.where(present, keep * self.scales.flow + (1 - keep) * measured,
                          self.scales.flow),
                 keep * self.scales.depth + (1 - keep) * motions.depth_scale,
-                keep * self.scales.clustering + (1 - keep) * motions.clustering)
+                keep * self.scales.clustering + (1 - keep) * motions.clustering,
+                self.scales.common_depth if np.isnan(common)
+                else keep * self.scales.common_depth + (1 - keep) * common)
         return motions
 
     def _aligned(self, a: Observation, b: Observation, matched: Matched, rough: Motions,

@@ -96,11 +96,10 @@ def test_what_moves_within_doubt_must_do_so_twice():
     assert objects.judged(track, 1, 0.5, H, 0.1)
 
 
-def test_a_new_thing_that_moves_within_doubt_is_believed_the_second_time():
+def test_a_new_thing_is_believed_to_move_at_once():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert not objects.judged(track, 1, 0.1, H, 0.1)
-    assert objects.judged(track, 1, 0.2, H, 0.1)
+    assert objects.judged(track, 1, 0.1, H, 0.1)
 
 
 def test_what_cannot_be_told_to_stand_is_not_parked():

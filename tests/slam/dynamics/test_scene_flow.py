@@ -7,8 +7,8 @@ from slam.config import DynamicConfig
 from slam.dynamics.scene_flow import Followers, _speed_sigma, moving
 from slam.geometry import se3
 
-CONFIG = DynamicConfig(static_share_of_distance=0.0, common_inverse_depth_error=0.0,
-                       static_inverse_depth_error=0.0)
+CONFIG = DynamicConfig(static_share_of_distance=0.0, static_inverse_depth_error=0.0)
+DEPTH_ERROR = 2e-4               # 1/m, of passable stereo
 STILL = np.eye(4)                # the camera's step
 SURE = np.eye(6) * 1e12          # information of poses known perfectly
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 4.0], [0.5, 0.5, 5.0], (50, 3))
@@ -19,14 +19,15 @@ def followers(points, rho_b=None):
 
 
 def moves(relative, static, own, points, dt_s, config, moved_before=False, T_a_b=STILL,
-          rho_b=None):
+          rho_b=None, depth_error=0.0):
     """The answer for one object; beside others that stand it is the same."""
     seen = followers(points, rho_b)
-    alone = moving(T_a_b, relative[None], static, own[None], [seen], dt_s, config,
+    alone = moving(T_a_b, relative[None], static, own[None], [seen], dt_s, depth_error, config,
                    np.array([moved_before]))
     among = moving(T_a_b, np.stack([np.eye(4), relative, np.eye(4)]), static,
                    np.stack([SURE, own, SURE]),
-                   [followers(POINTS), seen, followers(POINTS[:7])], dt_s, config,
+                   [followers(POINTS), seen, followers(POINTS[:7])], dt_s,
+                   depth_error, config,
                    np.array([True, moved_before, False]))
     assert among[1] == alone[0]
     if static is SURE:
@@ -92,13 +93,15 @@ def test_far_things_need_to_move_more():
 
 def test_a_far_thing_whose_depth_alone_changes_does_not_move():
     config, far = DynamicConfig(), POINTS + np.array([0.0, 0.0, 40.0])
-    assert not moves(shift(2, 0.5), SURE, SURE, far, 0.1, config)     # along the ray: its depth
-    assert moves(shift(0, 0.5), SURE, SURE, far, 0.1, config)         # across it: seen
-    assert moves(shift(2, 2.0), SURE, SURE, far, 0.1, config)
+    # Along the ray it is depth that changes, across it is seen.
+    assert not moves(shift(2, 0.5), SURE, SURE, far, 0.1, config, depth_error=DEPTH_ERROR)
+    assert moves(shift(0, 0.5), SURE, SURE, far, 0.1, config, depth_error=DEPTH_ERROR)
+    assert moves(shift(2, 2.0), SURE, SURE, far, 0.1, config, depth_error=DEPTH_ERROR)
+    assert moves(shift(2, 0.5), SURE, SURE, far, 0.1, config, depth_error=0.1 * DEPTH_ERROR)
 
 
 def test_no_objects_are_none_that_move():
-    none = moving(STILL, np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, CONFIG)
+    none = moving(STILL, np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, 0.0, CONFIG)
     assert none.shape == (0,)
 
 
@@ -165,6 +168,7 @@ def test_motion_along_the_ray_needs_the_measured_depths_to_agree():
 
 def test_depths_of_a_far_thing_that_jump_leave_doubt():
     config, far = DynamicConfig(), POINTS + np.array([0.0, 0.0, 40.0])
-    jump = config.common_inverse_depth_error * far[:, 2].mean() ** 2
+    jump = config.depth_jumps * DEPTH_ERROR * far[:, 2].mean() ** 2
     for times, level in ((0.9, 0), (2.5, 1), (4.0, 2)):
-        assert moves(shift(2, times * jump), SURE, SURE, far, 0.1, config) == level
+        assert moves(shift(2, times * jump), SURE, SURE, far, 0.1, config,
+                     depth_error=DEPTH_ERROR) == level

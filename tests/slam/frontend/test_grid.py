@@ -48,11 +48,12 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
             counting &= (group_a == own) & (rho_a > 0) & np.isfinite(flow.flow_px).all(axis=2)
             if flow.valid is not None:
                 counting &= flow.valid
-            move = flow.flow_px[counting].astype(float).mean(axis=0) if counting.any() else None
+            moves = linear_flow(flow.flow_px, counting)
             for v in range(i * cell, i * cell + cell):
                 for u in range(j * cell, j * cell + cell):
                     if not counting[v, u]:
                         continue
+                    move = np.array([1.0, u, v]) @ moves
                     to = np.floor(np.array([u, v]) + move + 0.5)
                     if not (0 <= to[0] < SIZE[1] and 0 <= to[1] < SIZE[0]):
                         continue
@@ -71,6 +72,17 @@ def means_pixel_by_pixel(flow, rho_a, rho_b, group_a, group_b, cell, static):
                 out.append((own, mean[:2], mean[4], mean[:2] + mean[2:4], len(rows),
                             np.mean(seen) if len(seen) > 0.9 * len(rows) else None))
     return out
+
+
+def linear_flow(flow_px, counting):
+    """(3, 2) of the linear function [1, u, v] @ m nearest to the flow of these pixels; of pixels on
+    one line, which tell no plane, their mean."""
+    v, u = np.nonzero(counting)
+    of = flow_px[counting].astype(float)
+    A = np.c_[np.ones(len(u)), u, v]
+    if len(u) and np.linalg.matrix_rank(A - A.mean(axis=0)) == 2:
+        return np.linalg.lstsq(A, of, rcond=None)[0]
+    return np.array([of.mean(axis=0) if len(of) else np.zeros(2), np.zeros(2), np.zeros(2)])
 
 
 def between(rho, group, uv, nearest):
