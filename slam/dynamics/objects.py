@@ -27,7 +27,8 @@ class ObjectState:
     first_s: float                   # when it was first seen
     parked: bool = False             # still for long enough: its features are static ones
     moved_s: float = -np.inf         # when it was last judged to move
-    suspected: bool = True           # whether it moved when last judged, beyond doubt or not
+    judged_s: float = -np.inf        # when a motion of it was last measured
+    suspected: bool = False          # whether it moved when last judged, beyond doubt or not
     suspected_s: float = -np.inf     # when it was last not seen to stand
     H_world: Array | None = None     # (4, 4) its last motion, for prediction
     over_s: float = 1.0              # the time that motion took
@@ -118,8 +119,8 @@ class ObjectTable:
                over_s: float, velocity: BodyVelocity | None = None) -> bool:
         """Record a motion; whether the object counts as dynamic, also through a short stop.
 
-        What was seen to stand, and moves within doubt, must do so twice running: matches of a
-        small far thing are wrong together now and then.
+        What moves within doubt must do so twice running: matches of a small far thing are wrong
+        together now and then, and its depths jump. A new thing need only move beyond such jumps.
 
         Args:
             moved: as `scene_flow.moving` has it.
@@ -127,7 +128,8 @@ class ObjectTable:
             over_s: the time between the two frames.
         """
         state = self.states[track]
-        believed = (moved > 1 or state.suspected
+        new = np.isinf(state.judged_s)
+        believed = (moved > (1 if new else 2) or state.suspected
                     or stamp_s - state.moved_s <= self.config.stay_dynamic_s)
         moved_s = stamp_s if moved > 0 and believed else state.moved_s
         dynamic = stamp_s - moved_s <= self.config.stay_dynamic_s
@@ -139,7 +141,7 @@ class ObjectTable:
             velocity_m_s = (se3.transform_points(H_world, place) - place)[0] / over_s
         self.states[track] = replace(
             state, parked=not dynamic and still_s >= self.config.parked_after_s, moved_s=moved_s,
-            suspected=moved > 0, suspected_s=suspected_s,
+            suspected=moved > 0, suspected_s=suspected_s, judged_s=stamp_s,
             H_world=H_world, over_s=over_s, velocity=velocity, velocity_m_s=velocity_m_s)
         return dynamic
 

@@ -35,8 +35,8 @@ class Followers(NamedTuple):
 def moving(T_a_b: Array, relative: Array, information_static: Array, information_objects: Array,
            followers: Sequence[Followers], dt_s: float, depth_error: float,
            config: DynamicConfig, moved_before: Array | None = None) -> Array:
-    """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 beyond
-    doubt, −1 not to be told, for the noise would hide it.
+    """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 also if
+    depths jumped, 3 beyond doubt, −1 not to be told, for the noise would hide it.
 
     The scene flow is that of the object's own motion (eq. 4), `relative` p − p: the scene flow of
     single measured points is mostly depth noise, that of the motion which fits them all is not.
@@ -67,7 +67,7 @@ def moving(T_a_b: Array, relative: Array, information_static: Array, information
     limit_m = np.maximum(threshold * dt_s, config.significance * noise)
     jump_m = config.depth_jumps * depth_error * points[:, 2] ** 2
     level = np.zeros(len(count), np.int64)
-    for times, jumps in ((1.0, 1.0), (_BEYOND_DOUBT, _RARE)):
+    for times, jumps in ((1.0, 1.0), (1.0, _RARE), (_BEYOND_DOUBT, _RARE)):
         moved_m = np.hypot(across_m, np.maximum(along_m - jumps * jump_m, 0.0))
         level += (np.bincount(of, moved_m > times * limit_m, len(count))
                   > config.moving_share * count)

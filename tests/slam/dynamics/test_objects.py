@@ -51,7 +51,7 @@ def test_a_thing_that_moved_stays_dynamic_through_a_short_stop_only():
     assert objects.judged(track, 0, 0.9, np.eye(4), 1.0)
     assert not objects.judged(track, 0, 1.1, np.eye(4), 1.0)
     assert objects.states[track].parked
-    assert objects.judged(track, 2, 1.2, H, 1.0)
+    assert objects.judged(track, 3, 1.2, H, 1.0)
     assert not objects.states[track].parked
 
 
@@ -91,15 +91,17 @@ def test_nothing_is_expected_of_the_unknown_and_the_parked():
 def test_what_moves_within_doubt_must_do_so_twice():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    for stamp_s, moved in ((0.1, 0), (0.2, 1), (0.3, 0), (0.4, 1)):
+    for stamp_s, moved in ((0.1, 0), (0.2, 1), (0.3, 0), (0.4, 2)):
         assert not objects.judged(track, moved, stamp_s, H, 0.1)
     assert objects.judged(track, 1, 0.5, H, 0.1)
 
 
-def test_a_new_thing_is_believed_to_move_at_once():
+@pytest.mark.parametrize(("moved", "believed"), [(1, False), (2, True)])
+def test_a_new_thing_need_only_move_beyond_jumps_of_its_depths(moved, believed):
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert objects.judged(track, 1, 0.1, H, 0.1)
+    assert objects.judged(track, moved, 0.1, H, 0.1) == believed
+    assert objects.judged(track, 1, 0.2, H, 0.1)
 
 
 def test_what_cannot_be_told_to_stand_is_not_parked():
@@ -114,6 +116,6 @@ def test_what_cannot_be_told_to_stand_is_not_parked():
 def test_a_jump_beyond_doubt_is_believed_at_once_and_doubtful_motion_keeps_it_moving():
     objects = table(stay_dynamic_s=1.0, forget_s=10.0)
     track = objects.relabel({}, [1], -np.inf, 0.0)[1]
-    assert objects.judged(track, 2, 0.0, H, 0.1)
+    assert objects.judged(track, 3, 0.0, H, 0.1)
     assert objects.judged(track, 1, 0.9, H, 0.1)
     assert objects.judged(track, 0, 1.8, H, 0.1)      # 0.9 s after the last motion

@@ -118,7 +118,7 @@ def test_the_noise_of_carried_points_is_that_of_draws():
 
 def test_far_above_the_limit_is_beyond_doubt():
     limit = CONFIG.static_scene_flow_m_s * 0.1
-    for times, level in ((0.9, 0), (1.1, 1), (1.4, 1), (1.6, 2)):
+    for times, level in ((0.9, 0), (1.1, 2), (1.4, 2), (1.6, 3)):
         assert moves(shift(0, times * limit), SURE, SURE, POINTS, 0.1, CONFIG) == level
 
 
@@ -156,19 +156,19 @@ def test_standing_things_whose_depths_are_wrong_stand():
     # And more than depths can be wrong by, or off the epipolar line, is motion.
     twice = se3.from_rotation_translation(np.eye(3), 3.0 * step)
     assert moves(twice, SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE) > 0
-    assert moves(shift(1, 0.2), SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE) == 2
+    assert moves(shift(1, 0.2), SURE, SURE, BESIDE, 0.1, config, T_a_b=DRIVE) == 3
 
 
 def test_motion_along_the_ray_needs_the_measured_depths_to_agree():
     motion, far = shift(2, 1.0), POINTS * [0.1, 0.1, 1.0] + np.array([0.0, 0.0, 16.0])
     carried = far[:, 2] + 1.0
-    for seen, level in ((1.0 / carried, 2), (1.0 / far[:, 2], 0), (None, 2)):
+    for seen, level in ((1.0 / carried, 3), (1.0 / far[:, 2], 0), (None, 3)):
         assert moves(motion, SURE, SURE, far, 0.1, CONFIG, rho_b=seen) == level
 
 
 def test_depths_of_a_far_thing_that_jump_leave_doubt():
     config, far = DynamicConfig(), POINTS + np.array([0.0, 0.0, 40.0])
     jump = config.depth_jumps * DEPTH_ERROR * far[:, 2].mean() ** 2
-    for times, level in ((0.9, 0), (2.5, 1), (4.0, 2)):
+    for times, level in ((0.9, 0), (2.5, 1), (4.0, 3)):
         assert moves(shift(2, times * jump), SURE, SURE, far, 0.1, config,
                      depth_error=DEPTH_ERROR) == level
