@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slam.estimation.tiles import tiles
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -36,9 +37,7 @@ def common_depth_error(points: PointMatches, T_a_b: Array, camera: Intrinsics) -
     xyz_a = pinhole.back_project(camera, uv, 1.0 / points.rho_a[chosen])
     depth = se3.transform_points(se3.inverse(T_a_b), xyz_a)[:, 2]
     residual = points.rho_b[chosen] - 1.0 / np.maximum(depth, 1e-6)
-    row, column = (np.clip((x * parts / size).astype(np.int64), 0, parts - 1) for x, parts, size in
-                   ((uv[:, 1], _PARTS[0], camera.height), (uv[:, 0], _PARTS[1], camera.width)))
-    part = row * _PARTS[1] + column
+    part = tiles(uv, points.group[chosen], camera, _PARTS)
     of_part = [residual[part == k] for k in np.flatnonzero(
         np.bincount(part, minlength=_PARTS[0] * _PARTS[1]) >= _LEAST)]
     if len(of_part) < _LEAST_PARTS:

@@ -19,6 +19,7 @@ from slam.estimation.covariance import clustering
 from slam.estimation.kernel import KernelEffect, kernel_effect
 from slam.estimation.line_family import LineFamily
 from slam.estimation.point_family import PointFamily
+from slam.estimation.tiles import tiles
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches, PointMatches
@@ -135,8 +136,8 @@ class _Problem:
         self.depth_scale2 = scales.depth**2
         # Depth is good on a road and bad in a tree: its noise is measured tile by tile.
         self.camera = camera
-        self.point_tile = _tiles(points.uv_a, points.group, camera, _TILES)
-        self.line_tile = _tiles(lines.endpoints_a.mean(axis=1), lines.group, camera, _TILES)
+        self.point_tile = tiles(points.uv_a, points.group, camera, _TILES)
+        self.line_tile = tiles(lines.endpoints_a.mean(axis=1), lines.group, camera, _TILES)
         self.tile_scale2 = np.full(_TILES[0] * _TILES[1] + groups - 1, self.depth_scale2)
         self.sample = _evenly_spread(points.group, points.kind)
 
@@ -211,9 +212,9 @@ class _Problem:
         n = len(pose)
         _, H, g = sums = np.zeros(n), np.zeros((n, 6, 6)), np.zeros((n, 6))
         point_chi = self.points.accumulate(
-            pose, *sums, part=_tiles(points.uv_a, points.group, self.camera, _PARTS))
+            pose, *sums, part=tiles(points.uv_a, points.group, self.camera, _PARTS))
         line_chi = self.lines.accumulate(
-            pose, *sums, part=_tiles(lines.endpoints_a.mean(axis=1), lines.group, self.camera,
+            pose, *sums, part=tiles(lines.endpoints_a.mean(axis=1), lines.group, self.camera,
                                      _PARTS))
         effect = self._kernel_effect(point_chi, line_chi)
         return Motions(T, information * effect.efficiency[:, None, None], point_chi, line_chi,
@@ -228,15 +229,6 @@ class _Problem:
         return kernel_effect(np.r_[point_chi, line_chi] ** 2, rows,
                              np.r_[m.group, self.lines.m.group], self.groups,
                              config.kernel == "huber", config.kernel_width)
-
-
-def _tiles(uv_px: Array, group: Array, camera: Intrinsics, shape: tuple[int, int]) -> Array:
-    """Tile (N,) of each feature: by its place in the image cut into rows and columns, or, after
-    those, by its object."""
-    rows, columns = shape
-    row = np.clip(uv_px[:, 1] * rows / camera.height, 0, rows - 1).astype(np.int64)
-    column = np.clip(uv_px[:, 0] * columns / camera.width, 0, columns - 1).astype(np.int64)
-    return np.where(group == 0, row * columns + column, rows * columns + group - 1)
 
 
 def _evenly_spread(group: Array, kind: Array) -> Array:
