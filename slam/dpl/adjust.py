@@ -6,38 +6,22 @@ A map line is adjusted by its two ends, each measured across the seen line and i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from slam.backend.linearise import linearise
-from slam.backend.pose_system import solve_poses
-from slam.backend.reduced import landmark_steps, reduce_landmarks
+from slam.backend.config import BundleConfig
+from slam.backend.descend import levenberg_marquardt
 from slam.dpl.config import DplConfig
 from slam.dpl.keyframes import Keyframe, PointLineMap, shared_landmarks
+from slam.dpl.map_problem import MapProblem, MapState, Rows
 from slam.dpl.sightings import Sightings, joined, of_line_ends, of_points
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.residuals import camera_tuple
 from slam.types import Intrinsics
 
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e4
-_EASE, _BRAKE = 0.1, 30.0    # damping after a step that helped, and after one that did not
-_ENDED = 1e-4                # of the cost: a step that gains less is the last
-_FEW = 20                    # keyframes whose system is small whatever their order
-_CUT_CHI2 = 1.5              # times the square of the tracker's gate
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Whose sightings are whose: of points first, then of the ends of lines."""
-
-    pose: Array          # (M,) row of the keyframe
-    landmark: Array      # (M,) row of the landmark
-    feature: Array       # (M,) row of the feature in its keyframe; of an end, its line's
-    is_point: Array      # (M,) bool
+_FEW = 20              # keyframes whose system is small whatever their order
+_CUT_CHI2 = 1.5        # times the square of the tracker's gate
 
 
 def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], camera: Intrinsics,
@@ -59,7 +43,9 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
         held[np.argmin([k.number for k in keyframes])] = True     # the oldest carries the world
     T = np.array([k.T_world_camera for k in keyframes])
     xyz = np.concatenate([map_.points.xyz[points, 0], map_.lines.xyz[lines].reshape(-1, 3)])
-    T, xyz, chi2 = _levenberg_marquardt(T, xyz, rows, seen, held, camera, config, iterations)
+    problem = MapProblem(rows, seen, held, len(xyz), camera, config.track.kernel_width)
+    T, xyz = levenberg_marquardt(problem, MapState(T, xyz), BundleConfig(iterations=iterations))
+    T = se3.orthonormalised(T)
     if not (np.isfinite(T).all() and np.isfinite(xyz).all()):
         return
     for keyframe, pose, stays in zip(keyframes, T, held, strict=True):
@@ -67,7 +53,7 @@ def adjust(map_: PointLineMap, free: list[Keyframe], fixed: list[Keyframe], came
             keyframe.T_world_camera = pose
     map_.points.xyz[points, 0] = xyz[:len(points)]
     map_.lines.xyz[lines] = xyz[len(points):].reshape(-1, 2, 3)
-    _cut(map_, keyframes, rows, chi2 > _CUT_CHI2 * config.track.gate**2)
+    _cut(map_, keyframes, rows, problem.chi2 > _CUT_CHI2 * config.track.gate**2)
 
 
 def adjust_all(map_: PointLineMap, camera: Intrinsics, config: DplConfig, iterations: int
@@ -96,7 +82,7 @@ def in_narrow_order(keyframes: list[Keyframe], map_: PointLineMap) -> list[Keyfr
 
 
 def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: PointLineMap,
-             camera: Intrinsics, config: DplConfig) -> tuple[_Rows, Sightings]:
+             camera: Intrinsics, config: DplConfig) -> tuple[Rows, Sightings]:
     """All sightings of these landmarks, by landmark and then by keyframe.
 
     The feet of line ends are those at the poses as they are.
@@ -117,7 +103,7 @@ def _collect(keyframes: list[Keyframe], points: Array, lines: Array, map_: Point
         measured += _measured(keyframe, fp, fq, map_, camera, config)
     whole = [np.concatenate(part) for part in (pose, landmark, feature, is_point)]
     order, seen = np.lexsort((whole[0], whole[1])), joined(*measured)
-    return (_Rows(*(part[order] for part in whole)),
+    return (Rows(*(part[order] for part in whole)),
             Sightings(seen.uv_px[order], seen.whitening[order], seen.rho[order]))
 
 
@@ -131,53 +117,7 @@ def _measured(keyframe: Keyframe, points: Array, lines: Array, map_: PointLineMa
                          keyframe.T_world_camera, camera, c.line_sigma_px, sigma_rho))
 
 
-def _levenberg_marquardt(T: Array, xyz: Array, rows: _Rows, seen: Sightings, held: Array,
-                         camera: Intrinsics, config: DplConfig, iterations: int
-                         ) -> tuple[Array, Array, Array]:
-    M, F, P = len(seen), len(T), len(xyz)
-    start = np.searchsorted(rows.landmark, np.arange(P + 1))
-    first = start[rows.landmark]
-    band = int(np.max(rows.pose - rows.pose[first], initial=1)) + 1
-    work = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
-    trial = np.zeros((M, 3)), np.zeros((M, 3, 6)), np.zeros((M, 3, 3))
-    fixed = held[rows.pose]
-    nothing_held = np.zeros((P, 3, 3)), np.zeros((P, 3))
-
-    def cost_at(T: Array, xyz: Array, into: tuple[Array, Array, Array]) -> tuple[float, Array]:
-        cost, chi2 = linearise(T, xyz, rows.pose, rows.landmark, seen.uv_px, seen.rho,
-                               seen.whitening, camera_tuple(camera), config.track.kernel_width,
-                               *into)
-        into[1][fixed] = 0.0                      # held keyframes do not move
-        return cost, chi2
-
-    cost, chi2 = cost_at(T, xyz, work)
-    damping = _FIRST_DAMPING
-    for _ in range(iterations):
-        S, g = np.zeros((F, band, 6, 6)), np.zeros((F, 6))
-        inverse, gradient = np.zeros((P, 3, 3)), np.zeros((P, 3))
-        reduce_landmarks(rows.pose, start, *work, *nothing_held, damping, S, g, inverse,
-                         gradient)
-        S[held, 0] += np.eye(6)
-        step = solve_poses(S, g, damping)
-        if step is not None:
-            moved = landmark_steps(rows.pose, start, work[1], work[2], inverse, gradient, step)
-            tried = T @ se3.exp(step), xyz + moved
-            cost_try, chi2_try = cost_at(*tried, trial)
-        if step is None or not cost_try < cost:
-            damping *= _BRAKE
-            if damping > _MOST_DAMPING:
-                break
-            continue
-        ended = cost - cost_try < _ENDED * cost
-        (T, xyz), cost, chi2 = tried, cost_try, chi2_try
-        work, trial = trial, work
-        damping = max(damping * _EASE, _LEAST_DAMPING)
-        if ended:
-            break
-    return se3.orthonormalised(T), xyz, chi2
-
-
-def _cut(map_: PointLineMap, keyframes: list[Keyframe], rows: _Rows, bad: Array) -> None:
+def _cut(map_: PointLineMap, keyframes: list[Keyframe], rows: Rows, bad: Array) -> None:
     """Take sightings that do not fit off their keyframes; a line with one bad end goes whole."""
     at = np.flatnonzero(bad)
     for i in np.unique(rows.pose[at]):
