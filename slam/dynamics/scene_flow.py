@@ -32,46 +32,55 @@ class Followers(NamedTuple):
     rho_b: Array     # (N,) 1/m, as measured in b; nan where it was not
 
 
-def moving(T_a_b: Array, relative: Array, information_static: Array, information_objects: Array,
-           followers: Sequence[Followers], dt_s: float, depth_error: float,
-           config: DynamicConfig, moved_before: Array | None = None) -> Array:
+class CameraStep(NamedTuple):
+    """What the static world tells between frames a and b."""
+
+    T_a_b: Array           # (4, 4)
+    information: Array     # (6, 6) of it
+    dt_s: float
+    depth_error: float     # 1/m, as `common_depth_error` measures it
+
+
+class BodySteps(NamedTuple):
+    """What G objects do between frames a and b."""
+
+    relative: Array                   # (G, 4, 4) motions against the static world, in camera a
+    information: Array                # (G, 6, 6) of their poses T_a_b
+    followers: Sequence[Followers]
+    moved_before: Array               # (G,) bool: known to move
+
+
+def moving(camera: CameraStep, bodies: BodySteps, config: DynamicConfig) -> Array:
     """Whether (G,) objects' points move in the world: 0 no, 1 beyond threshold and noise, 2 also if
     depths jumped, 3 beyond doubt, −1 not to be told, for the noise would hide it.
 
     The scene flow is that of the object's own motion (eq. 4), `relative` p − p: the scene flow of
     single measured points is mostly depth noise, that of the motion which fits them all is not.
-
-    Args:
-        T_a_b: (4, 4) the static world's pose.
-        relative: (G, 4, 4) motions of the objects against the static world, in camera a.
-        information_static: (6, 6) of T_a_b.
-        information_objects: (G, 6, 6) of the objects' poses.
-        depth_error: 1/m, as `common_depth_error` measures it.
-        moved_before: (G,) objects known to move need to stand out less to go on moving.
+    What moved before needs to stand out less to go on moving.
     """
-    sample = [f.xyz_a[:: max(1, len(f.xyz_a) // _POINTS)] for f in followers]
+    sample = [f.xyz_a[:: max(1, len(f.xyz_a) // _POINTS)] for f in bodies.followers]
     count = np.array([len(points) for points in sample], dtype=np.int64)
     if count.sum() == 0:
         return np.zeros(len(count), np.int64)
     of = np.repeat(np.arange(len(count)), count)
     points = np.concatenate(sample)
-    carried = np.einsum("nij,nj->ni", relative[of, :3, :3], points) + relative[of, :3, 3]
-    T_b_a = se3.inverse(T_a_b)
+    relative = bodies.relative[of]
+    carried = np.einsum("nij,nj->ni", relative[:, :3, :3], points) + relative[:, :3, 3]
+    T_b_a = se3.inverse(camera.T_a_b)
     across_m = _off_epipolar_line(T_b_a, points, carried, config.static_inverse_depth_error)
-    along_m = _confirmed(points, carried, _depth_changes(T_b_a, followers)[of])
+    along_m = _confirmed(points, carried, _depth_changes(T_b_a, bodies.followers)[of])
     threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points[:, 2]
-    if moved_before is not None:
-        threshold = np.where(moved_before[of], _HYSTERESIS, 1.0) * threshold
-    every = np.concatenate([information_static[None], information_objects])
+    threshold *= np.where(bodies.moved_before[of], _HYSTERESIS, 1.0)
+    every = np.concatenate([camera.information[None], bodies.information])
     noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
-    limit_m = np.maximum(threshold * dt_s, config.significance * noise)
-    jump_m = config.depth_jumps * depth_error * points[:, 2] ** 2
+    limit_m = np.maximum(threshold * camera.dt_s, config.significance * noise)
+    jump_m = config.depth_jumps * camera.depth_error * points[:, 2] ** 2
     level = np.zeros(len(count), np.int64)
     for times, jumps in ((1.0, 1.0), (1.0, _RARE), (_BEYOND_DOUBT, _RARE)):
         moved_m = np.hypot(across_m, np.maximum(along_m - jumps * jump_m, 0.0))
         level += (np.bincount(of, moved_m > times * limit_m, len(count))
                   > config.moving_share * count)
-    hidden = np.bincount(of, limit_m > _HIDES * threshold * dt_s, len(count)) > 0.5 * count
+    hidden = np.bincount(of, limit_m > _HIDES * threshold * camera.dt_s, len(count)) > 0.5 * count
     return np.where((level == 0) & hidden, -1, level)
 
 

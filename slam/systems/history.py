@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.config import SdplConfig
 from slam.dynamics.objects import ObjectState, ObjectTable
-from slam.dynamics.scene_flow import moving
+from slam.dynamics.scene_flow import BodySteps, CameraStep, moving
 from slam.dynamics.smooth_motion import BodyVelocity, MeasuredMotions, keep_moving
 from slam.estimation.covariance import covariance_of, known_or_none, object_covariance
 from slam.geometry import se3
@@ -173,8 +173,9 @@ def _smoothed(estimates: list[ObjectEstimate], states: list[ObjectState], before
 def _moving(tracked: Tracked, states: list[ObjectState], dt_s: float, config: SdplConfig) -> Array:
     """(G,) whether the objects move, as `moving` says it."""
     found = tracked.objects
-    return moving(tracked.T_a_b, np.array([f.relative for f in found]).reshape(-1, 4, 4),
-                  tracked.information, np.array([f.information for f in found]).reshape(-1, 6, 6),
-                  [f.followers for f in found], dt_s, tracked.depth_error,
-                  config.dynamic,
-                  np.array([np.isfinite(s.moved_s) for s in states], dtype=np.bool_))
+    bodies = BodySteps(np.array([f.relative for f in found]).reshape(-1, 4, 4),
+                       np.array([f.information for f in found]).reshape(-1, 6, 6),
+                       [f.followers for f in found],
+                       np.array([np.isfinite(s.moved_s) for s in states], dtype=np.bool_))
+    return moving(CameraStep(tracked.T_a_b, tracked.information, dt_s, tracked.depth_error), bodies,
+                  config.dynamic)

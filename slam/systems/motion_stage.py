@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.config import MotionConfig, SdplConfig
 from slam.dynamics.objects import ObjectTable
-from slam.dynamics.scene_flow import moving
+from slam.dynamics.scene_flow import BodySteps, CameraStep, moving
 from slam.estimation.calibration import DepthOffset
 from slam.estimation.covariance import rotation_sigma
 from slam.estimation.depth_parts import common_depth_error
@@ -171,11 +171,11 @@ class MotionStage:
         """
         every = matched.every
         static = rough.T_a_b[0]
-        moved = moving(static, static @ se3.inverse(rough.T_a_b[parked]),
-                       rough.information[0], rough.information[parked],
-                       [followers_of(self.intrinsics, every, every.group == group)
-                        for group in parked],
-                       max(dt_s, 1e-6), self.scales.common_depth, self.config.dynamic)
+        camera = CameraStep(static, rough.information[0], max(dt_s, 1e-6), self.scales.common_depth)
+        bodies = BodySteps(static @ se3.inverse(rough.T_a_b[parked]), rough.information[parked],
+                           [followers_of(self.intrinsics, every, every.group == group)
+                            for group in parked], np.zeros(len(parked), np.bool_))
+        moved = moving(camera, bodies, self.config.dynamic)
         return np.asarray(parked[moved <= 0])
 
     def _aligns(self, image_flow: bool) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slam.config import DynamicConfig
-from slam.dynamics.scene_flow import Followers, _speed_sigma, moving
+from slam.dynamics.scene_flow import BodySteps, CameraStep, Followers, _speed_sigma, moving
 from slam.geometry import se3
 
 CONFIG = DynamicConfig(static_share_of_distance=0.0, static_inverse_depth_error=0.0)
@@ -22,13 +22,13 @@ def moves(relative, static, own, points, dt_s, config, moved_before=False, T_a_b
           rho_b=None, depth_error=0.0):
     """The answer for one object; beside others that stand it is the same."""
     seen = followers(points, rho_b)
-    alone = moving(T_a_b, relative[None], static, own[None], [seen], dt_s, depth_error, config,
-                   np.array([moved_before]))
-    among = moving(T_a_b, np.stack([np.eye(4), relative, np.eye(4)]), static,
-                   np.stack([SURE, own, SURE]),
-                   [followers(POINTS), seen, followers(POINTS[:7])], dt_s,
-                   depth_error, config,
-                   np.array([True, moved_before, False]))
+    camera = CameraStep(T_a_b, static, dt_s, depth_error)
+    alone = moving(camera, BodySteps(relative[None], own[None], [seen], np.array([moved_before])),
+                   config)
+    among = moving(camera, BodySteps(np.stack([np.eye(4), relative, np.eye(4)]),
+                                     np.stack([SURE, own, SURE]),
+                                     [followers(POINTS), seen, followers(POINTS[:7])],
+                                     np.array([True, moved_before, False])), config)
     assert among[1] == alone[0]
     if static is SURE:
         assert among[[0, 2]].tolist() == [0, 0]
@@ -101,7 +101,8 @@ def test_a_far_thing_whose_depth_alone_changes_does_not_move():
 
 
 def test_no_objects_are_none_that_move():
-    none = moving(STILL, np.zeros((0, 4, 4)), SURE, np.zeros((0, 6, 6)), [], 0.1, 0.0, CONFIG)
+    nothing = BodySteps(np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], np.zeros(0, np.bool_))
+    none = moving(CameraStep(STILL, SURE, 0.1, 0.0), nothing, CONFIG)
     assert none.shape == (0,)
 
 
