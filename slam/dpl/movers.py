@@ -41,6 +41,7 @@ _BLUR_SIGMAS = 3.0       # of the depth, that may shift a corner
 _SMALLEST_SIGMA_PX = 0.05
 _RING = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0]), axis=-1).reshape(9, 2)
 _ONE_SURFACE = 1.1       # largest ratio of depths around a corner that lies on one surface
+_RANGE_SIGMAS = 4.0      # of nine noisy depths of one surface, from the least to the greatest
 _OVERLAP = 0.3           # of boxes in successive frames, to be of one thing
 _MAX_BOXES = 100         # the largest scores are kept
 
@@ -144,9 +145,9 @@ class MoverCuller:
         c, sigma = self.config.cull, self.config.depth.inverse_depth_sigma
         near_a, far_a = _depth_range(before.depth_m, a)
         near_b, far_b = _depth_range(depth_m, b)
-        known = (near_a > 0) & (far_a <= _ONE_SURFACE * near_a)
-        rho = np.where(known, 2.0 / np.where(known, near_a + far_a, 1.0), 0.0)
-        xyz = back_project(self.camera, a, np.where(known, 1.0 / np.where(known, rho, 1.0), 1.0))
+        known = _one_surface(near_a, far_a, sigma)
+        depth_a = 2.0 / (1.0 / np.where(known, near_a, 1.0) + 1.0 / np.where(known, far_a, 1.0))
+        xyz = back_project(self.camera, a, depth_a)
         use = judges & known
         if np.count_nonzero(use) < _MIN_FOR_MOTION:
             return np.zeros(len(a), bool), np.zeros(len(a), bool)
@@ -160,7 +161,7 @@ class MoverCuller:
             blur = _BLUR_SIGMAS * sigma * self.camera.fx * np.linalg.norm(T_a_b[:3, 3])
             rho_b = 1.0 / np.where(xyz_b[:, 2] > 0, xyz_b[:, 2], np.inf)
             far_off = c.depth_sigmas * sigma
-            surface = (near_b > 0) & (far_b <= _ONE_SURFACE * near_b)
+            surface = _one_surface(near_b, far_b, sigma)
             leaves = surface & ((rho_b > 1.0 / np.where(surface, near_b, 1.0) + far_off)
                                 | (rho_b < 1.0 / np.where(surface, far_b, 1.0) - far_off))
             limit = self._limit(sigma_of_lengths(_finite(gap[use])))
@@ -247,6 +248,17 @@ def _depth_range(depth_m: Array, uv: Array) -> tuple[Array, Array]:
     around = nearest(depth_m, uv[:, None] + _RING)
     known = (np.isfinite(around) & (around > 0)).all(axis=1)
     return np.where(known, around.min(axis=1), 0.0), np.where(known, around.max(axis=1), 0.0)
+
+
+def _one_surface(near_m: Array, far_m: Array, inverse_depth_sigma: float) -> Array:
+    """(N,) bool: whether depths that range so lie on one surface.
+
+    Far away noise alone spreads them.
+    """
+    safe = np.where(near_m > 0, near_m, 1.0)
+    noise = _RANGE_SIGMAS * inverse_depth_sigma
+    return np.asarray((near_m > 0) & ((far_m <= _ONE_SURFACE * safe)
+                                      | (1.0 / safe - 1.0 / np.maximum(far_m, safe) <= noise)))
 
 
 def _overlaps(box: Array, boxes: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.dpl.config import DplConfig
+from slam.dpl.culling import inside_boxes
 from slam.dpl.features import Features
 from slam.dpl.keyframes import PointLineMap
 from slam.dpl.matching import as_words, match_lines_near, match_near
@@ -43,6 +44,10 @@ class Pairs:
     ends: Array              # (Q, 2, 3)
     line: Array              # (Q,) rows of the frame's lines
 
+    def only(self, points: Array, lines: Array) -> Pairs:
+        """Those of the points (P,) bool and of the lines (Q,) bool."""
+        return Pairs(self.xyz[points], self.point[points], self.ends[lines], self.line[lines])
+
 
 @dataclass(frozen=True, slots=True)
 class Seen:
@@ -61,6 +66,7 @@ class Fit:
     point_fits: Array        # (P,) bool
     line_fits: Array         # (Q,) bool
     information: Array       # (6, 6)
+    asked: int               # pairs that had a say
 
     @property
     def inliers(self) -> int:
@@ -68,8 +74,8 @@ class Fit:
 
     @property
     def share(self) -> float:
-        """How many of the pairs fit."""
-        return self.inliers / max(len(self.point_fits) + len(self.line_fits), 1)
+        """How many of the pairs asked fit."""
+        return self.inliers / max(self.asked, 1)
 
 
 class PoseTracker:
@@ -79,10 +85,11 @@ class PoseTracker:
         self.camera, self.config = camera, config
 
     def fit(self, T_world_camera: Array, pairs: Pairs, features: Features,
-            covariance: Array | None = None) -> Fit:
+            covariance: Array | None = None, iterations: int | None = None) -> Fit:
         """The pose that pairs support; the feet of line ends are renewed once.
 
         Args:
+            iterations: at most; None: as the settings say; 0: what fits the pose given.
             covariance: (P + 2 Q, 3, 3) m² of the points and then of the lines' ends.
         """
         c = self.config.track
@@ -94,12 +101,35 @@ class PoseTracker:
         for _ in range(2 if len(pairs.line) else 1):
             seen = joined(seen_points, of_line_ends(pairs.ends, lines, T, self.camera,
                                                     c.line_sigma_px, sigma_rho))
-            found = refine_pose(T, xyz, seen, self.camera, c.kernel_width, c.iterations,
-                                covariance)
+            found = refine_pose(T, xyz, seen, self.camera, c.kernel_width,
+                                c.iterations if iterations is None else iterations, covariance)
             T = found.T_world_camera
         fits = np.asarray(found.chi2 < c.gate**2)
         P = len(pairs.point)
-        return Fit(T, fits[:P], np.asarray(fits[P:].reshape(-1, 2).all(axis=1)), found.information)
+        return Fit(T, fits[:P], np.asarray(fits[P:].reshape(-1, 2).all(axis=1)), found.information,
+                   P + len(pairs.line))
+
+    def fit_beside(self, boxes: Array, T_world_camera: Array, pairs: Pairs, features: Features
+                   ) -> Fit:
+        """As `fit`, but what lies in boxes (B, 4) has no say in which pose it is held against.
+
+        It joins where it fits the pose of what lies outside, if that is enough to tell one: a
+        mover rich in corners would else outvote the world around it.
+        """
+        c = self.config.track
+        points = np.asarray(~inside_boxes(features.points.uv_px[pairs.point], boxes).any(axis=0))
+        middle_px = features.lines.ends_px[pairs.line].mean(axis=1)
+        lines = np.asarray(~inside_boxes(middle_px, boxes).any(axis=0))
+        if points.all() and lines.all():
+            return self.fit(T_world_camera, pairs, features)
+        outside = self.fit(T_world_camera, pairs.only(points, lines), features)
+        if outside.inliers < 2 * c.min_inliers or outside.share < c.min_inlier_share:
+            return self.fit(T_world_camera, pairs, features)
+        joining = self.fit(outside.T_world_camera, pairs, features, iterations=0)
+        points, lines = points | joining.point_fits, lines | joining.line_fits
+        whole = self.fit(outside.T_world_camera, pairs.only(points, lines), features)
+        points[points], lines[lines] = whole.point_fits, whole.line_fits
+        return Fit(whole.T_world_camera, points, lines, whole.information, whole.asked)
 
     def against_frame(self, before: TrackedFrame, features: Features, T_expected: Array,
                       map_: PointLineMap, radius_px: float) -> tuple[Pairs, Array, Array]:

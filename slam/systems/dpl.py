@@ -148,7 +148,7 @@ class DplSlam:
                                 (before.T_world_camera, c.wide_search_px)):
             pairs, point_rows, line_rows = self.tracker.against_frame(
                 before, features, T_start, self.map, radius)
-            fit = self.tracker.fit(T_start, pairs, features)
+            fit = self.tracker.fit_beside(self._boxes(), T_start, pairs, features)
             if fit.inliers >= 2 * c.min_inliers and fit.share >= c.min_inlier_share:
                 break
         assert fit is not None
@@ -156,6 +156,10 @@ class DplSlam:
             return None
         return self._against_map(features, fit.T_world_camera, point_rows[fit.point_fits],
                                  line_rows[fit.line_fits])
+
+    def _boxes(self) -> Array:
+        """(B, 4) of things in this frame that may move."""
+        return np.zeros((0, 4)) if self.ground is None else self.ground.boxes
 
     def _against_map(self, features: Features, T_world_camera: Array, point_rows: Array,
                      line_rows: Array) -> tuple[TrackedFrame, Seen] | None:
@@ -173,7 +177,7 @@ class DplSlam:
         points, lines = self.map.landmarks_of(local or [self.map.newest()])
         seen = self.tracker.look_for(self.map, points, lines, features, T_world_camera,
                                      c.local_search_px)
-        fit = self.tracker.fit(T_world_camera, seen.pairs, features)
+        fit = self.tracker.fit_beside(self._boxes(), T_world_camera, seen.pairs, features)
         if fit.inliers < c.min_inliers:
             return None
         T = fit.T_world_camera

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from slam.dpl.culling import cull_lines, cull_points, full_boxes, usable_boxes
 from slam.dpl.epipolar import epipolar_distance, follow, fundamental
+from slam.dpl.movers import _one_surface
 from slam.geometry import se3
 from slam.geometry.camera import project
 from slam.types import Intrinsics
@@ -100,3 +101,9 @@ def test_boxes_from_nowhere_are_not_used():
     boxes = np.array([[1.0, 1, 20, 20], [np.nan, 0, 5, 5], [5, 5, 5, 9], [900, 0, 950, 9],
                       [-9, -9, -1, -1], [-50, -50, 999, 999]])
     assert_array_equal(usable_boxes(boxes, 320, 240), [True, False, False, False, False, True])
+
+
+def test_far_depths_that_noise_spreads_are_of_one_surface():
+    sigma = 0.002
+    near, far = np.array([4.0, 4.0, 40.0, 8.0, 0.0]), np.array([4.3, 4.8, 55.0, 60.0, 30.0])
+    assert_array_equal(_one_surface(near, far, sigma), [True, False, True, False, False])
