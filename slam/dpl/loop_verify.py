@@ -9,7 +9,7 @@ import numpy as np
 from slam.dpl.config import LoopConfig
 from slam.dpl.features import Features
 from slam.dpl.keyframes import Keyframe, PointLineMap
-from slam.dpl.relocalise import match_keyframe, pose_from_points
+from slam.dpl.relocalise import match_keyframe, pose_of
 from slam.dpl.track import Fit, PoseTracker, Seen
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -37,8 +37,7 @@ def verify(map_: PointLineMap, keyframe: Keyframe, old: Keyframe, tracker: PoseT
     """
     config = tracker.config.loop
     at, rows = match_keyframe(keyframe.features, old, map_, tracker.config)
-    start = pose_from_points(map_.points.xyz[rows, 0], keyframe.features.points.uv_px[at],
-                             tracker.camera)
+    start = pose_of(map_.points.xyz[rows, 0], keyframe.features.points.uv_px[at], tracker.camera)
     if start is None:
         return None
     there = _look(map_, old, keyframe.features, start[0], tracker)

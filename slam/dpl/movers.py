@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from slam.dpl.config import DplConfig
@@ -25,6 +24,7 @@ from slam.frontend.sampling import nearest
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import back_project, project
+from slam.geometry.resection import resect
 from slam.geometry.segment import unit_normals
 from slam.spread import MEDIAN_CHI2_2, sigma_of_distances, sigma_of_lengths
 from slam.types import Boxes2D, Intrinsics
@@ -36,7 +36,7 @@ _ROUNDS = 4              # renewals of the noise measured
 _FIRST_SIGMA_PX = 0.5    # before
 _LEAST_RATIO = 0.06      # of the variance measured to the one assumed, in one round
 _KERNEL, _ITERATIONS = 2.0, 8            # of each round's fit
-_RANSAC_PX, _RANSAC_TRIES, _RANSAC_CONFIDENCE = 1.5, 100, 0.999
+_RANSAC_PX, _RANSAC_TRIES = 1.5, 100
 _BLUR_SIGMAS = 3.0       # of the depth, that may shift a corner
 _SMALLEST_SIGMA_PX = 0.05
 _RING = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0]), axis=-1).reshape(9, 2)
@@ -173,12 +173,9 @@ class MoverCuller:
 
     def _motion(self, xyz_a: Array, uv_b: Array, T_a_b: Array) -> Array:
         """The camera's motion that most pixels support: P3P in RANSAC, then refined."""
-        found, rotation, translation, _ = cv2.solvePnPRansac(
-            xyz_a, uv_b, self.camera.matrix, None, iterationsCount=_RANSAC_TRIES,
-            reprojectionError=_RANSAC_PX, confidence=_RANSAC_CONFIDENCE, flags=cv2.SOLVEPNP_P3P)
-        if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
-            T_a_b = se3.inverse(se3.from_rotation_translation(
-                se3.exp_so3(rotation[:, 0]), translation[:, 0]))
+        found = resect(xyz_a, uv_b, self.camera, _RANSAC_PX, _RANSAC_TRIES)
+        if found is not None:
+            T_a_b = found[0]
         n, sigma_px = len(uv_b), _FIRST_SIGMA_PX
         for _ in range(_ROUNDS):
             # A kernel wider than the noise lets a few corners of a mover pull on the rest.

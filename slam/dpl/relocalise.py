@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 
 from slam.dpl.config import DplConfig
 from slam.dpl.features import Features
 from slam.dpl.keyframes import Keyframe, PointLineMap
 from slam.dpl.matching import as_words, match_all
-from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.geometry.resection import resect
 from slam.types import Intrinsics
 
 _MIN_MATCHES = 15
+_RANSAC_PX, _RANSAC_TRIES = 4.0, 300
 
 
 def match_keyframe(features: Features, keyframe: Keyframe, map_: PointLineMap,
@@ -29,21 +29,11 @@ def match_keyframe(features: Features, keyframe: Keyframe, map_: PointLineMap,
     return match[paired], rows
 
 
-def pose_from_points(xyz_world: Array, uv_px: Array, camera: Intrinsics
-                     ) -> tuple[Array, Array] | None:
-    """T_world_camera (4, 4) by P3P in RANSAC, and which (N,) support it; None if none is found."""
+def pose_of(xyz_world: Array, uv_px: Array, camera: Intrinsics) -> tuple[Array, Array] | None:
+    """T_world_camera (4, 4) that matches support, and which (N,) do; None if there are too few."""
     if len(xyz_world) < _MIN_MATCHES:
         return None
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
-        xyz_world, uv_px, camera.matrix, None, iterationsCount=300, reprojectionError=4.0,
-        confidence=0.999, flags=cv2.SOLVEPNP_P3P)
-    if not found or inliers is None or not (np.isfinite(rotation).all()
-                                            and np.isfinite(translation).all()):
-        return None
-    T_camera_world = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
-    fits = np.zeros(len(xyz_world), bool)
-    fits[inliers[:, 0]] = True
-    return se3.inverse(T_camera_world), fits
+    return resect(xyz_world, uv_px, camera, _RANSAC_PX, _RANSAC_TRIES)
 
 
 def places(map_: PointLineMap, features: Features, candidates: list[Keyframe],
@@ -51,6 +41,6 @@ def places(map_: PointLineMap, features: Features, candidates: list[Keyframe],
     """Poses at which a frame may be, with the map points that support each."""
     for keyframe in candidates:
         at, rows = match_keyframe(features, keyframe, map_, config)
-        found = pose_from_points(map_.points.xyz[rows, 0], features.points.uv_px[at], camera)
+        found = pose_of(map_.points.xyz[rows, 0], features.points.uv_px[at], camera)
         if found is not None and np.count_nonzero(found[1]) >= _MIN_MATCHES:
             yield found[0], rows[found[1]]

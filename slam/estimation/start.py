@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numba
 import numpy as np
 
@@ -10,6 +9,7 @@ from slam.config import StartConfig
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.geometry.resection import resect
 from slam.matches import PointMatches, take
 from slam.residuals import camera_tuple
 from slam.types import Intrinsics
@@ -39,12 +39,9 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
     best = int(np.argmin(cost))
     if cost[best] <= _FITS * len(sample):
         return np.array(candidates[best])
-    found, rotation, translation, _ = cv2.solvePnPRansac(
-        xyz, sample.uv_b, camera.matrix, None, iterationsCount=config.iterations,
-        reprojectionError=threshold, confidence=0.999, flags=cv2.SOLVEPNP_P3P)
-    if found and np.isfinite(rotation).all() and np.isfinite(translation).all():
-        T_b_a = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
-        T_a_b = se3.inverse(T_b_a)
+    found = resect(xyz, sample.uv_b, camera, threshold, config.iterations)
+    if found is not None:
+        T_a_b = found[0]
         turn = se3.rotation_angle(np.swapaxes(candidates[:, :3, :3], 1, 2) @ T_a_b[:3, :3])
         if (turn.min() < _LARGEST_TURN
                 and truncated_costs(T_a_b[None], xyz, sample, camera, threshold)[0] < cost[best]):
