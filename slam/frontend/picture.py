@@ -72,6 +72,15 @@ def better_flow(flow_px: Array, expected_px: Array, index_a: Array, masks: Array
     return np.where(better[index_a][:, :, None], expected_px, flow_px)
 
 
+def static_gaps(flow_px: Array, other_px: Array, index_a: Array, gray_a: Array,
+                gray_b: Array) -> tuple[float, float]:
+    """Sums of grey differences off all masks under two flows (H, W, 2), on the same pixels."""
+    asked = np.zeros(256, np.bool_)
+    asked[0] = True
+    _, gaps = _gaps_of_masks(flow_px, other_px, index_a, asked, gray_a, gray_b)
+    return float(gaps[0, 0]), float(gaps[0, 1])
+
+
 @numba.njit(cache=True, nogil=True)
 def _gaps_of_masks(flow, other, index, asked, gray_a, gray_b):  # type: ignore[no-untyped-def]
     """Pixels (256,) of each mask, and the sums of grey differences (256, 2) under two flows."""

@@ -13,6 +13,7 @@ from slam.dynamics.masks import associate, overlaps
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.sightings import sightings
 from slam.frontend.carry import carry_missed
+from slam.frontend.first_step import find_step
 from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
 from slam.frontend.observe import Observation, observe
 from slam.frontend.picture import better_flow, flow_of_masks
@@ -63,17 +64,21 @@ class SdplSlam:
             return self._begin(current, look(), clock)
         if not current.rho.any():
             return self._lost(current, look(), "no depth in this frame", clock)
-        flow = self._flow(self.previous, current, True, clock)
+        expected = (self.history.expected_motion(
+            current.frame.stamp_s - self.previous.frame.stamp_s) if self.history.has_motion
+            else self._step_by_features(self.previous, current))
+        flow = self._flow(self.previous, current, expected, clock)
         # Not before: dense flow comes out otherwise where it has to share OpenCV's threads.
         detected = look()
         scales = self.motions.scales
-        tracked, seen, pairs = self._track(self.previous, current, flow, True, clock)
+        tracked, seen, pairs = self._track(self.previous, current, flow, expected, clock)
         if tracked.lost_because and self.history.has_motion:
             # A motion that goes on otherwise than expected leads the search astray.
             self.motions.scales = scales
             detected.result()
-            flow = self._flow(self.previous, current, False, clock)
-            tracked, seen, pairs = self._track(self.previous, current, flow, False, clock)
+            expected = self._step_by_features(self.previous, current)
+            flow = self._flow(self.previous, current, expected, clock)
+            tracked, seen, pairs = self._track(self.previous, current, flow, expected, clock)
         if tracked.lost_because:
             self.motions.scales = scales
             return self._lost(current, detected, tracked.lost_because, clock)
@@ -99,15 +104,14 @@ class SdplSlam:
         self.features.restart(current, detected)
         self.previous, self._unmatched = current, 0
 
-    def _track(self, previous: Observation, current: Observation, flow: FlowField, expect: bool,
-               clock: Stopwatch) -> tuple[Tracked, Observation, dict[int, int]]:
-        """All motions, from where the last ones lead to or from standing still.
+    def _track(self, previous: Observation, current: Observation, flow: FlowField,
+               expected: Array, clock: Stopwatch) -> tuple[Tracked, Observation, dict[int, int]]:
+        """All motions, from the camera's expected one and where the objects' last ones lead to.
 
         Also the current frame with the masks that were missed in it, and the pairs of masks.
         """
         pairs = associate(overlaps(flow, previous.label_index, current.label_index),
                           previous.labels, current.labels, self.config.dynamic.min_overlap)
-        expected = self._expected_motion(current.frame) if expect else np.eye(4)
         current, carried = self._carry(previous, current, flow, pairs, se3.inverse(expected))
         pairs |= carried
         clock.lap("masks")
@@ -126,26 +130,27 @@ class SdplSlam:
         return carry_missed(previous, current, flow, moved, self.intrinsics,
                             self.config.noise.inverse_depth_sigma, self.config.dynamic.min_overlap)
 
-    def _flow(self, previous: Observation, current: Observation, expect: bool,
+    def _flow(self, previous: Observation, current: Observation, expected: Array,
               clock: Stopwatch) -> FlowField:
-        """The flow given with the frame, or our own, from the motion expected."""
-        frame = current.frame
-        if frame.flow is not None and frame.index == previous.frame.index + 1:
-            flow = frame.flow
-        elif self.config.flow.predict and expect:
-            expected = self._expected_flow(previous, current)
-            found = self.flow_estimator(previous.gray, current.gray, expected)
+        """The flow given with the frame, or our own, from the camera motion expected."""
+        given = _given_flow(previous, current)
+        if given is not None:
+            flow = given
+        elif self.config.flow.predict:
+            predicted = self._expected_flow(previous, current, expected)
+            found = self.flow_estimator(previous.gray, current.gray, predicted)
             flow = replace(found, flow_px=better_flow(
-                found.flow_px, expected, previous.label_index, np.arange(1, len(previous.labels)),
+                found.flow_px, predicted, previous.label_index, np.arange(1, len(previous.labels)),
                 previous.gray, current.gray))
         else:
             flow = self.flow_estimator(previous.gray, current.gray)
         clock.lap("flow")
         return flow
 
-    def _expected_flow(self, previous: Observation, current: Observation) -> Array:
+    def _expected_flow(self, previous: Observation, current: Observation,
+                       T_a_b_expected: Array) -> Array:
         """(H, W, 2) float32: what the motions so far lead to, and the pictures of new things."""
-        T_b_a = se3.inverse(self._expected_motion(current.frame))
+        T_b_a = se3.inverse(T_a_b_expected)
         states = self.objects.of_label(previous.frame.stamp_s)
         dt_s = current.frame.stamp_s - previous.frame.stamp_s
         moving = {label: T_b_a @ self.objects.predicted_relative(
@@ -178,9 +183,11 @@ class SdplSlam:
         self.objects.locate(seen, stamp_s)
         return again
 
-    def _expected_motion(self, frame: Frame) -> Array:
-        assert self.previous is not None
-        return self.history.expected_motion(frame.stamp_s - self.previous.frame.stamp_s)
+    def _step_by_features(self, previous: Observation, current: Observation) -> Array:
+        """The camera's step T_a_b (4, 4) where no motion goes on; flow that is given needs none."""
+        if _given_flow(previous, current) is not None:
+            return np.eye(4)
+        return find_step(previous, current, self.intrinsics)
 
     def _lost(self, current: Observation, detected: Future[Detected], reason: str,
               clock: Stopwatch) -> FrameEstimate:
@@ -214,3 +221,9 @@ class SdplSlam:
                            timings_ms=clock.laps_ms(),
                            reason="; ".join([*filter(None, [estimate.reason]), *new]))
         return self.history.amend(estimate)
+
+
+def _given_flow(previous: Observation, current: Observation) -> FlowField | None:
+    """The flow that the current frame brings, if it is from the previous one."""
+    follows = current.frame.index == previous.frame.index + 1
+    return current.frame.flow if follows else None
