@@ -1,7 +1,7 @@
 """All boxes, planes and meshes of a scene as triangles, and rays of one camera against them.
 
-Millions of rays a second from NumPy: the triangles are sorted into tiles of the image, so that a
-ray meets the few of its own tile only. All is exact in float64; no image is involved.
+Millions of rays a second: the triangles are sorted into tiles of the image, so that a ray meets
+the few of its own tile only. All is exact in float64; no image is involved.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import mujoco
+import numba
 import numpy as np
 
 from simbench.render.geometry import geom_triangles, shown_geoms
@@ -66,19 +67,34 @@ class Screen:
 
     def anything_before(self, uv: Array, inverse_depth: Array) -> Array:
         """(N,) bool: rays through pixels (N, 2) hit something nearer than this (N,)."""
-        column, row = np.floor((uv.T + 0.5) / _TILE_PX).astype(np.intp)
-        column, row = np.clip(column, 0, self.across - 1), np.clip(row, 0, self.down - 1)
-        tile = row * self.across + column
-        ray, place = _ranges(self.first[tile], self.first[tile + 1] - 1)
-        triangle = self.by_tile.take(place)
-        u, v = np.ascontiguousarray(uv.T)
-        keep = _value(self.plane, triangle, u.take(ray), v.take(ray)) > inverse_depth.take(ray)
-        for edge in self.edges:
-            ray, triangle = ray[keep], triangle[keep]
-            keep = _value(edge, triangle, u.take(ray), v.take(ray)) >= -_EDGE_PX
-        hit = np.zeros(len(uv), bool)
-        hit[ray[keep]] = True
-        return hit
+        return _any_before(np.ascontiguousarray(uv, np.float64), inverse_depth, self.plane,
+                           *self.edges, self.by_tile, self.first, self.across, self.down)
+
+
+@numba.njit(cache=True)
+def _any_before(uv: Array, inverse_depth: Array, plane: Array, edge_0: Array, edge_1: Array,
+                edge_2: Array, by_tile: Array, first: Array, across: int, down: int) -> Array:
+    hit = np.zeros(len(uv), np.bool_)
+    for ray in range(len(uv)):
+        u, v = uv[ray]
+        column = min(max(int(np.floor((u + 0.5) / _TILE_PX)), 0), across - 1)
+        row = min(max(int(np.floor((v + 0.5) / _TILE_PX)), 0), down - 1)
+        tile = row * across + column
+        for place in range(first[tile], first[tile + 1]):
+            t = by_tile[place]
+            if (_value(plane, t, u, v) > inverse_depth[ray] and _value(edge_0, t, u, v) >= -_EDGE_PX
+                    and _value(edge_1, t, u, v) >= -_EDGE_PX
+                    and _value(edge_2, t, u, v) >= -_EDGE_PX):
+                hit[ray] = True
+                break
+    return hit
+
+
+@numba.njit(cache=True, inline="always")
+def _value(coefficients: Array, triangle: int, u: float, v: float) -> float:
+    """Coefficients (3, F) of one triangle at a pixel."""
+    return (coefficients[0, triangle] * u + coefficients[1, triangle] * v
+            + coefficients[2, triangle])
 
 
 def screen_of(triangles: Triangles, T_world_part: Array, T_world_camera: Array,
@@ -97,16 +113,6 @@ def screen_of(triangles: Triangles, T_world_part: Array, T_world_camera: Array,
     across, down = -(-intrinsics.width // _TILE_PX), -(-intrinsics.height // _TILE_PX)
     by_tile, first = _tiles(box[:, facing], edges, across, down)
     return Screen(plane, edges, by_tile, first, across, down)
-
-
-def _value(coefficients: Array, triangle: Array, u: Array, v: Array) -> Array:
-    """Coefficients (3, F) of triangles (M,) at pixels (M,)."""
-    value = coefficients[0].take(triangle)
-    value *= u
-    v *= coefficients[1].take(triangle)
-    value += v
-    value += coefficients[2].take(triangle)
-    return value
 
 
 def _vertices_in_camera(triangles: Triangles, T_camera_part: Array) -> Array:
