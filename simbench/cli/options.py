@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 import typer
@@ -94,14 +94,25 @@ def collect_dials(dials: Iterable[str] | None, texture: float | None,
     values: dict[str, float | str] = {
         name: value for name, value in (("texture", texture), ("rigidity", rigidity))
         if value is not None}
-    for text in dials or ():
-        name, equals, number = text.partition("=")
-        if not equals or not name:
-            raise UserError(f"--dial {text}: wanted NAME=VALUE, as in speed=0.5")
+    return parse_dials("--dial", dials, values)
+
+
+def parse_dials(option: str, texts: Iterable[str] | None, known: Mapping[str, float | str]
+                ) -> dict[str, float | str]:
+    """NAME=VALUE of every text beside those known; the scene knows which dials and values it has.
+
+    Raises:
+        UserError: not NAME=VALUE, or a dial given twice.
+    """
+    values = dict(known)
+    for text in texts or ():
+        name, equals, number = (part.strip() for part in text.partition("="))
+        if not equals or not name or not number:
+            raise UserError(f"{option} {text}: wanted NAME=VALUE, as in speed=0.5")
         if name in values:
-            raise UserError(f"--dial {text}: dial {name!r} is given twice")
+            raise UserError(f"{option} {text}: dial {name!r} is given twice")
         try:
             values[name] = float(number)
         except ValueError:
-            values[name] = number    # the name of a choice; the scene knows which it has
+            values[name] = number    # the name of a choice
     return values

@@ -18,6 +18,7 @@ from simbench.cli.options import (
     Size,
     Systems,
     TimeLimit,
+    parse_dials,
 )
 from simbench.cli.suite_options import changes_of, split_names, tell_trouble, where_of
 from simbench.errors import UserError
@@ -45,6 +46,9 @@ def suite_command(
         time_limit: TimeLimit = None, memory_limit: MemoryLimit = None,
         dial: Annotated[str | None, typer.Option(
             "--dial", metavar="NAME", help="break: the dial to turn.")] = None,
+        held: Annotated[list[str] | None, typer.Option(
+            "--with", metavar="NAME=VALUE",
+            help="break: another dial, held at this value; may be given several times.")] = None,
         limit: Annotated[str | None, typer.Option(
             "--limit", metavar="METRIC=VALUE",
             help="break: what counts as broken; camera.coverage=0.9 by default.")] = None,
@@ -66,12 +70,16 @@ def suite_command(
 
     where = where_of(workers, dask, cache, reports, time_limit, memory_limit)
     changes = changes_of(systems, seeds, frames, size)
-    search = {"--dial": dial, "--limit": limit, "--scene": scene, "--flow": flow,
+    search = {"--dial": dial, "--with": held, "--limit": limit, "--scene": scene, "--flow": flow,
               "--sensor": sensor, "--from": start, "--to": end}
     if name == "break":
         if cases is not None:
             raise UserError("--cases: a search has none; leave it out")
-        suite = _searched(scene or "SwingingBoxes-v0", flow or "dis", sensor or "gaussian", limit)
+        if dial is None:
+            raise UserError("suite break: which dial? Give --dial NAME, as `simbench list` names "
+                            "them")
+        suite = _searched(scene or "SwingingBoxes-v0", flow or "dis", sensor or "gaussian", limit,
+                          dial, held)
         _break(suite.changed(**changes), dial, limit, start, end, out, where, resume)
         return
     for option, value in search.items():
@@ -86,27 +94,28 @@ def suite_command(
     _tell(results, out)
 
 
-def _searched(scene: str, flow: str, sensor: str, limit: str | None) -> Suite:
+def _searched(scene: str, flow: str, sensor: str, limit: str | None, dial: str,
+              held: list[str] | None) -> Suite:
     """What a search runs at each value of its dial."""
     from simbench.metric_names import SHOWN
-    from simbench.suites.breaking import DEFAULT_LIMIT, Limit
+    from simbench.suites.breaking import DEFAULT_LIMIT, Limit, held_dials
     from simbench.suites.spec import Case, Suite
 
     metric = Limit.parse(limit or DEFAULT_LIMIT).metric.name
+    others = held_dials(scene, dial, parse_dials("--with", held, {}))
     case = Case("break", scene, frames=30, size=(320, 240),
-                inputs={"flow": flow, "sensor": sensor})
+                inputs={"flow": flow, "sensor": sensor},
+                sweep=tuple((name, (value,)) for name, value in others))
     return Suite("break", 1, "", (case,), ("sdpl",), tuple(range(5)),
                  tuple(dict.fromkeys((metric, *SHOWN))))
 
 
-def _break(suite: Suite, dial: str | None, limit: str | None, start: float | None,
+def _break(suite: Suite, dial: str, limit: str | None, start: float | None,
            end: float | None, out: Path, where: Where, resume: bool) -> None:
     from simbench.cli.progress import run_progress
     from simbench.suites.breaking import DEFAULT_LIMIT, DEFAULT_STEPS, Limit
     from simbench.suites.run_break import run_break
 
-    if dial is None:
-        raise UserError("suite break: which dial? Give --dial NAME, as `simbench list` names them")
     most = len(suite.systems) * len(suite.seeds) * (DEFAULT_STEPS + 2)
     with run_progress(f"break {dial}", most) as show:
         answer = run_break(suite, dial, Limit.parse(limit or DEFAULT_LIMIT), out, where,

@@ -12,7 +12,7 @@ from simbench.errors import UserError
 from simbench.metric_names import Metric, find_metric
 from simbench.scene import Dial, find_scene
 from simbench.statistics import LEVEL
-from simbench.suites.spec import Suite
+from simbench.suites.spec import Point, Suite, point_text
 from slam.geometry.arrays import Array
 
 _RESAMPLES = 2000
@@ -60,16 +60,18 @@ class Breaking:
     holds_share: float       # of the resampled sets of seeds: it holds all the way
     visited: tuple[tuple[float, float | None], ...]   # (dial, mean of the metric)
 
-    def statement(self, dial: str, limit: Limit, ends: tuple[float, float], seeds: int) -> str:
-        """One line for people."""
+    def statement(self, dial: str, limit: Limit, ends: tuple[float, float], seeds: int,
+                  held: Point = ()) -> str:
+        """One line for people; `held`: the dials held at other values than their defaults."""
+        who = f"{self.system} with {point_text(held)}" if held else self.system
         way = f"from {dial} {ends[0]:g} to {ends[1]:g}"
         if self.at is None:
-            return (f"{self.system}: {limit} holds {way}, in {100 * self.holds_share:.0f} % of the "
+            return (f"{who}: {limit} holds {way}, in {100 * self.holds_share:.0f} % of the "
                     f"resampled sets of {seeds} seeds")
         if self.at == ends[0]:
-            return (f"{self.system}: {limit} is broken at {dial} {ends[0]:g} already, where the "
+            return (f"{who}: {limit} is broken at {dial} {ends[0]:g} already, where the "
                     "search begins; give a weaker --limit or another --from")
-        text = f"{self.system}: {limit} holds until {dial} {self.at:.4g}"
+        text = f"{who}: {limit} holds until {dial} {self.at:.4g}"
         if self.low is not None and self.high is not None:
             text += f" [{self.low:.4g}, {self.high:.4g}], {100 * LEVEL:g} % by {seeds} seeds"
         if self.holds_share > 0:
@@ -82,11 +84,14 @@ def ends_of(scene: str, dial: str, start: float | None, end: float | None
     """The dial, where the search begins (its default) and where it ends (the farther end).
 
     Raises:
-        UserError: no such dial, or an end out of its range.
+        UserError: no such dial, one of names instead of numbers, or an end out of its range.
     """
     spec = find_scene(scene)
     spec.resolve_dials({dial: start if start is not None else _default(spec.dials, dial)})
     found = next(d for d in spec.dials if d.name == dial)
+    if found.choices:
+        raise UserError(f"--dial {dial}: has names ({found.allowed}) and nothing between them to "
+                        f"search; hold it by --with {dial}={found.choices[0]}")
     first = found.default if start is None else start
     far = max((found.low, found.high), key=lambda value: abs(value - first))
     last = far if end is None else end
@@ -94,6 +99,21 @@ def ends_of(scene: str, dial: str, start: float | None, end: float | None
     if first == last:
         raise UserError(f"--from {first:g} --to {last:g}: the same; give two ends")
     return found, first, last
+
+
+def held_dials(scene: str, searched: str, given: Mapping[str, float | str]) -> Point:
+    """The dials that a search holds at other values than the scene's defaults.
+
+    Raises:
+        UserError: no such dial, a value out of its range, or the dial that is searched.
+    """
+    if searched in given:
+        raise UserError(f"--with {searched}={given[searched]}: is the dial that the search turns; "
+                        "leave it out, or give --from and --to")
+    spec = find_scene(scene)
+    values = spec.resolve_dials(given)
+    return tuple((dial.name, dial.shown(values[dial.name]) if dial.choices else values[dial.name])
+                 for dial in spec.dials if dial.name in given)
 
 
 def _default(dials: Sequence[Dial], name: str) -> float:
@@ -176,16 +196,16 @@ def crossing(x: Array, means: Array, limit: Limit) -> float:
     return float(x[i - 1] + share * (x[i] - x[i - 1]))
 
 
-def at_value(suite: Suite, dial: str, value: float, system: str) -> Suite:
-    """The one cell of a search: its only case at a value of the dial, with one system."""
-    case = replace(suite.cases[0], sweep=((dial, (value,)),))
-    return replace(suite, cases=(case,), systems=(system,))
+def swept(suite: Suite, dial: str, values: tuple[float, ...]) -> Suite:
+    """The suite with its only case at these values of the dial; what is held stays held."""
+    case = suite.cases[0]
+    return replace(suite, cases=(replace(case, sweep=(*case.sweep, (dial, values))),))
 
 
 def as_json(found: Sequence[Breaking], dial: str, limit: Limit, ends: tuple[float, float],
-            seeds: int) -> list[Mapping[str, Any]]:
+            seeds: int, held: Point = ()) -> list[Mapping[str, Any]]:
     """The search's answer as breaking.json holds it."""
-    return [{"system": each.system, "dial": dial, "limit": str(limit), "at": each.at,
-             "low": each.low, "high": each.high, "holds_share": each.holds_share,
+    return [{"system": each.system, "dial": dial, "with": dict(held), "limit": str(limit),
+             "at": each.at, "low": each.low, "high": each.high, "holds_share": each.holds_share,
              "visited": [{"value": v, "mean": m} for v, m in each.visited],
-             "statement": each.statement(dial, limit, ends, seeds)} for each in found]
+             "statement": each.statement(dial, limit, ends, seeds, held)} for each in found]

@@ -13,12 +13,11 @@ from simbench.report.suite_page import render_suite
 from simbench.storage import write_bytes, write_json
 from simbench.suites.breaking import (
     DEFAULT_STEPS,
-    Breaking,
     Limit,
     as_json,
-    at_value,
     ends_of,
     search,
+    swept,
 )
 from simbench.suites.folder import SuiteFolder
 from simbench.suites.jobs import Run, runs_of
@@ -32,8 +31,10 @@ def run_break(suite: Suite, dial: str, limit: Limit, out: Path, where: Where, *,
               start: float | None = None, end: float | None = None, steps: int = DEFAULT_STEPS,
               resume: bool = False, on_run: Callable[[int], None] = lambda done: None
               ) -> list[Mapping[str, Any]]:
-    """Search the breaking point of every system of a suite with one case and no sweep.
+    """Search the breaking point of every system of a suite with one case.
 
+    What the case sweeps has one value each: the dials that are held during the search. So they
+    stand in the path and the key of every run, and searches with others share no run.
     Writes what a suite writes, and breaking.json; returns what is in that.
 
     Raises:
@@ -48,7 +49,7 @@ def run_break(suite: Suite, dial: str, limit: Limit, out: Path, where: Where, *,
     runs: list[Run] = []
 
     def values_at(system: str, value: float) -> Array:
-        cell = runs_of(at_value(suite, dial, value, system))
+        cell = runs_of(replace(swept(suite, dial, (value,)), systems=(system,)))
         runs.extend(cell)
         done.update(finished(cell, folder, where, lambda _: None))
         on_run(len(done))
@@ -56,15 +57,11 @@ def run_break(suite: Suite, dial: str, limit: Limit, out: Path, where: Where, *,
             limit.metric.name, np.nan) for run in cell])
 
     broken = search(values_at, suite.systems, found_dial, (first, last), limit, steps)
-    answer = as_json(broken, dial, limit, (first, last), len(suite.seeds))
-    _write(out, _swept(suite, dial, broken), runs, done, answer)
+    held, = suite.cases[0].points()
+    answer = as_json(broken, dial, limit, (first, last), len(suite.seeds), held)
+    visited = tuple(sorted({value for each in broken for value, _ in each.visited}))
+    _write(out, swept(suite, dial, visited), runs, done, answer)
     return answer
-
-
-def _swept(suite: Suite, dial: str, broken: list[Breaking]) -> Suite:
-    """The suite that the search turned out to be."""
-    values = tuple(sorted({value for each in broken for value, _ in each.visited}))
-    return replace(suite, cases=(replace(suite.cases[0], sweep=((dial, values),)),))
 
 
 def _write(out: Path, suite: Suite, runs: list[Run], done: Mapping[str, Mapping[str, Any]],

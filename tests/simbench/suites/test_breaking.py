@@ -8,7 +8,7 @@ import pytest
 from simbench.cli import main
 from simbench.errors import UserError
 from simbench.scene import Dial
-from simbench.suites.breaking import Limit, ends_of, search
+from simbench.suites.breaking import Limit, ends_of, held_dials, search
 
 TEXTURE = Dial("texture", 1.0, 0.0, 1.0, "")
 ERROR = Limit.parse("camera.E_t=0.002")
@@ -71,6 +71,20 @@ def test_limits_and_ends_are_checked():
             ends_of("SwingingBoxes-v0", *arguments)
 
 
+def test_held_dials_are_checked_as_the_scene_has_them():
+    office = ("Office-v0", "texture")
+    assert held_dials(*office, {"camera_motion": 2.0, "people": "visit", "speed": 1.5}) \
+        == (("people", "visit"), ("camera_motion", "rpy"), ("speed", 1.5))
+    for given, message in (({"texture": 0.5}, "is the dial that the search turns"),
+                           ({"sped": 1.0}, "did you mean 'speed'"),
+                           ({"speed": 9.0}, "must be a number from 0 to 2"),
+                           ({"people": "dancing"}, "must be one of walking")):
+        with pytest.raises(UserError, match=message):
+            held_dials(*office, given)
+    with pytest.raises(UserError, match="--with people=walking"):
+        ends_of("Office-v0", "people", None, None)
+
+
 def test_the_command_searches_and_writes_a_page(tmp_path, capsys, in_this_process):
     out = tmp_path / "out"
     options = ["--dial", "texture", "--systems", "sdpl", "--seeds", "0", "--frames", "3", "--size",
@@ -84,8 +98,41 @@ def test_the_command_searches_and_writes_a_page(tmp_path, capsys, in_this_proces
     assert main(["suite", "break", *options, "--resume"]) == 0
 
 
+def test_searches_with_other_held_dials_share_a_folder_and_no_run(tmp_path, in_this_process):
+    options = ["suite", "break", "--dial", "texture", "--seeds", "0", "--frames", "2", "--size",
+               "64x48", "--reports", "none", "--flow", "truth", "--limit", "camera.E_t=1e-9",
+               "--out", str(tmp_path)]
+    paths = {}
+    for speed in ("2", "3"):
+        assert main([*options, "--with", f"speed={speed}", "--with", "objects=2", "--resume"]) == 0
+        found = json.loads((tmp_path / "results.json").read_text())
+        paths[speed] = {run["folder"] for run in found["runs"]}
+        assert all(run["point"]["speed"] == float(speed) and run["point"]["objects"] == 2.0
+                   for run in found["runs"])
+        answer, = json.loads((tmp_path / "breaking.json").read_text())["breaking"]
+        assert answer["with"] == {"speed": float(speed), "objects": 2.0}
+        told = f"sdpl with speed={speed}, objects=2: camera.E_t"
+        assert told in answer["statement"]
+        assert told in (tmp_path / "report.html").read_text()
+    assert not paths["2"] & paths["3"]
+    assert all((tmp_path / path).is_dir() for path in paths["2"] | paths["3"])
+
+
+@pytest.mark.parametrize(("given", "message"), [
+    (["--with", "speed"], "--with speed: wanted NAME=VALUE"),
+    (["--with", "speed="], "--with speed=: wanted NAME=VALUE"),
+    (["--with", "speed=1", "--with", "speed=2"], "dial 'speed' is given twice"),
+])
+def test_what_is_held_is_said_once_and_whole(tmp_path, capsys, given, message):
+    assert main(["suite", "break", "--dial", "texture", *given, "--out", str(tmp_path / "o")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
 def test_options_of_the_search_belong_to_it(tmp_path, capsys):
     assert main(["suite", "smoke", "--dial", "texture", "--out", str(tmp_path / "o")]) == 2
     assert "--dial: is for `simbench suite break`" in capsys.readouterr().err
+    assert main(["suite", "smoke", "--with", "speed=1", "--out", str(tmp_path / "o")]) == 2
+    assert "--with: is for `simbench suite break`" in capsys.readouterr().err
     assert main(["suite", "break", "--out", str(tmp_path / "o")]) == 2
     assert "which dial?" in capsys.readouterr().err
