@@ -6,18 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simbench.metric_names import find_metric
-from simbench.report.table import ErrorTable
+from simbench.report.table import NONE, ErrorTable
 from simbench.statistics import mean_interval
 
 _INPUTS = ("flow", "masks", "boxes", "depth", "sensor")
 
 
 def ladder_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[str],
-                 systems: Sequence[str]) -> ErrorTable | None:
+                 systems: Sequence[str], no_objects_from: Sequence[str] = ()
+                 ) -> ErrorTable | None:
     """For each input that is swept: how the metrics change from its first value to each other.
 
     Pairs of runs that differ in nothing but this input, over all seeds and all values of the
-    other inputs. None where no input is swept.
+    other inputs. None where no input is swept. A dash stands for the objects of the systems of
+    `no_objects_from`, which estimate none.
     """
     swept = {name: list(dict.fromkeys(run["point"][name] for run in runs))
              for name in _INPUTS if runs and name in runs[0]["point"]}
@@ -25,7 +27,8 @@ def ladder_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[str],
     if not swept:
         return None
     rows = [(f"{name}: {values[0]} → {value}, {system}",
-             *(_change(runs, name, values[0], value, system, metric) for metric in metrics))
+             *(NONE if metric.startswith("objects") and system in no_objects_from else
+               _change(runs, name, values[0], value, system, metric) for metric in metrics))
             for name, values in swept.items() for value in values[1:] for system in systems]
     return ErrorTable(("", *metrics), tuple(rows), (
         "Changes of each metric when this input alone is replaced, means over all seeds and all "
@@ -45,7 +48,7 @@ def _change(runs: Sequence[Mapping[str, Any]], name: str, before: Any, after: An
     old, new = values(before), values(after)
     changes = [new[key] - old[key] for key in old if key in new]
     if not changes:
-        return "–"
+        return NONE
     found = mean_interval(changes)
     unit = find_metric(metric).unit
     scale, shown = (1e3, " mm") if unit == "m" else (1.0, f" {unit}" if unit else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
@@ -63,9 +63,10 @@ def _case(name: str, results: Mapping[str, Any], reports: set[str]) -> dict[str,
     case = next(case for case in suite["cases"] if case["name"] == name)
     here = {key: [each for each in results[key] if each["case"] == name]
             for key in ("summary", "meaning", "against_first", "runs")}
-    table = ladder_table(here["runs"], suite["metrics"], suite["systems"])
+    table = ladder_table(here["runs"], suite["metrics"], suite["systems"],
+                         results["no_objects_from"])
     return {"name": name, "what": _what(case), "plots": _plots(case, here, suite),
-            "table": _error_table(here["summary"], suite["metrics"], results["resolution"]),
+            "table": _error_table(here["summary"], results),
             "meaning": _meaning_table(here["meaning"]),
             "pairs": _pair_table(here["against_first"], results["resolution"]),
             "ladder": table,
@@ -134,8 +135,8 @@ def _most_telling(meaning: Sequence[Mapping[str, Any]]) -> tuple[str, str, str] 
     return (changing[0][1], *MEANINGS[changing[0][1]]) if changing else None
 
 
-def _error_table(summary: Sequence[Mapping[str, Any]], metrics: Sequence[str],
-                 resolution: float) -> ErrorTable:
+def _error_table(summary: Sequence[Mapping[str, Any]], results: Mapping[str, Any]) -> ErrorTable:
+    metrics, resolution = results["suite"]["metrics"], results["resolution"]
     names = [name for name in dict.fromkeys((*metrics, *COVERAGES))
              if any(name in s["metrics"] for s in summary)]
     columns = ["", *(_heading(name) for name in names), "lost frames", "lost runs",
@@ -151,15 +152,22 @@ def _error_table(summary: Sequence[Mapping[str, Any]], metrics: Sequence[str],
                      f"{each['lost_runs']} of {each['runs']}",
                      NONE if needed is None else str(needed)))
     return ErrorTable(tuple(columns), tuple(rows), (
+        *_note_on_objects(results["no_objects_from"], names),
         f"Means over the seeds with 95 % intervals by bootstrap. “Seeds for "
         f"{100 * resolution:g} %”: how many would make the mean of {metrics[0]} known to "
         f"± {100 * resolution:g} %, by the spread seen here; pairs need fewer.",))
 
 
+def _note_on_objects(silent: Sequence[str], metrics: Iterable[str]) -> Iterator[str]:
+    if silent and any(name.startswith("objects") for name in metrics):
+        yield (f"{', '.join(silent)}: no motion of an object in any run of the suite, so that "
+               "nothing of objects is told; a system that loses all of them has coverage 0.")
+
+
 def summary_table(results: Mapping[str, Any]) -> ErrorTable:
     """All cases, points and systems in one table, for the terminal."""
     summary = results["summary"]
-    table = _error_table(summary, results["suite"]["metrics"], results["resolution"])
+    table = _error_table(summary, results)
     rows = tuple((f"{each['case']}, {row[0]}", *row[1:])
                  for each, row in zip(summary, table.rows, strict=True))
     return ErrorTable(table.columns, rows, table.notes)

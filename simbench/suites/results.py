@@ -28,10 +28,36 @@ def results_of(suite: Suite, runs: Sequence[Run], found: Mapping[str, Mapping[st
         resolution: the share of a mean for which the number of seeds is told.
     """
     records = [dict(found[run.key]["record"]) for run in runs]
+    silent = systems_without_objects(records)
+    stated = [without_objects(record) if record["system"] in silent else record
+              for record in records]
     return {"schema": SCHEMA, "suite": suite.as_json(), "versions": versions(), "runs": records,
-            "meaning": _meanings(runs, found), "resolution": resolution,
-            "summary": _summaries(suite, records, resolution),
-            "against_first": _against_first(suite, records, resolution)}
+            "no_objects_from": silent, "meaning": _meanings(runs, found),
+            "resolution": resolution, "summary": _summaries(suite, stated, resolution),
+            "against_first": _against_first(suite, stated, resolution)}
+
+
+def systems_without_objects(records: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The systems that gave a motion of an object in none of these runs, right or wrong.
+
+    They estimate the camera alone, as far as anybody can tell: no share of the objects' motions is
+    theirs. A system that loses all objects of some runs is known by the others.
+    """
+    spoke: dict[str, bool] = {}
+    for record in records:
+        metrics = record.get("metrics", {})
+        spoke[record["system"]] = spoke.get(record["system"], False) or any(
+            metrics.get(f"{block}.{name}", 0) > 0 for block in ("objects", "objects_batch")
+            for name in ("mean.frames", "all.coverage", "mean.false_motions",
+                         "mean.tracks_without_object"))
+    return sorted(system for system, any_motion in spoke.items() if not any_motion)
+
+
+def without_objects(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A run's record without what is said of objects."""
+    kept = {name: value for name, value in record.get("metrics", {}).items()
+            if not name.startswith("objects")}
+    return {**record, "metrics": kept}
 
 
 def _meanings(runs: Sequence[Run], found: Mapping[str, Mapping[str, Any]]
