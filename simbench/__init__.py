@@ -5,7 +5,11 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from simbench.envs import register_envs as _register_envs
+from simbench.loop_cache import find_place as _find_place
+
+_find_place()      # before numba is imported, by the very next line
+
+from simbench.envs import register_envs as _register_envs  # noqa: E402
 
 if TYPE_CHECKING:
     import simbench.wrappers as wrappers  # noqa: PLR0402 (of itself it cannot import from)
