@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from simbench import storage
 from simbench.certificate import certificate, motion_sha256, origin
 from simbench.errors import UserError
+from simbench.processes import spawned
 from simbench.render import Renderer, make_renderer
 from simbench.scene import find_scene
 from simbench.sensors.depth import apply_depth_noise
@@ -230,18 +230,16 @@ def _render_in_workers(settings: GenerateSettings, target: _Target, missing: lis
     """Render in spawned processes, each with its share of the processors."""
     threads = max(1, (os.cpu_count() or 1) // workers)
     tasks = [missing[i:i + _FRAMES_A_TASK] for i in range(0, len(missing), _FRAMES_A_TASK)]
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     try:
-        for done in as_completed([pool.submit(_render_task, settings, target, task, threads)
-                                  for task in tasks]):
-            for _ in range(done.result()):
-                on_frame()
+        with spawned(workers) as pool:
+            for done in as_completed([pool.submit(_render_task, settings, target, task, threads)
+                                      for task in tasks]):
+                for _ in range(done.result()):
+                    on_frame()
     except BrokenProcessPool:
         raise UserError(f"{target.out}: a rendering process died: out of memory (give fewer "
                         "--workers and --resume), or a script without `if __name__ == "
                         "'__main__'`") from None
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _render_task(settings: GenerateSettings, target: _Target, frames: list[int],

@@ -68,6 +68,7 @@ class IteratesFrames:
 
 _KINDS = ("our own (sequence.json), TUM RGB-D (rgb.txt, depth.txt), KITTI odometry (calib.txt, "
           "image_0 or image_2) or VDO (times.txt, image_0, and semantic/ or settings.yaml)")
+_RESULTS = {"metrics.json": "a run", "suite.json": "a suite's runs"}    # easily mistaken for one
 
 
 # Imported when a folder asks for them: readers build on this module, storage on zarr.
@@ -113,6 +114,9 @@ def open_sequence(path: str | Path, calibration: str | Path | None = None) -> Se
                       "`simbench generate ... --resume`")
     kind = kind_of_folder(folder)
     if kind is None:
+        for name, what in _RESULTS.items():
+            if (folder / name).is_file():
+                raise BadFile(f"{folder}: holds {what}, no sequence; give the folder of a sequence")
         raise BadFile(f"{folder}: not a sequence of a known kind; wanted {_KINDS}")
     given = None if calibration is None else Path(calibration)
     module, reader = _READERS[kind]

@@ -73,6 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = _DEBUG in words
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     try:
+        if "" in words:
+            raise UserError("an argument is empty, as a shell's variable without a value is in "
+                            "quotes; give it or leave its option out")
         code = typer.main.get_command(app).main(
             [word for word in words if word != _DEBUG] or ["--help"], prog_name="simbench",
             standalone_mode=False)
@@ -112,4 +115,6 @@ def _os_message(error: OSError) -> str:
         return f"{where}: the disk is full; free some space or choose another --out"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return f"{where}: permission denied or read-only; choose another folder or mend its rights"
+    if error.errno in (errno.EEXIST, errno.ENOTDIR):
+        return f"{where}: a file stands where a folder is wanted; choose another path"
     return f"{where}: {error.strerror or error}; check the path"

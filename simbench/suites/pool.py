@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Any
 
 from simbench.errors import UserError
 from simbench.extras import how_to_install
+from simbench.processes import spawned
 from simbench.suites.jobs import Run, Task
 from simbench.suites.work import (
     HowToWork,
@@ -45,16 +45,10 @@ def local_workers(count: int) -> Iterator[Workers]:
     """Spawned processes of this machine, each with its share of the processors."""
     threads = max(1, (os.cpu_count() or 1) // count)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")   # the arrays are small
-    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"),
-                                   initializer=start_worker, initargs=(threads,))
-    try:
-        yield Workers(executor, count + 1)      # no worker waits while results are written
-    except BaseException:
-        for process in list((executor._processes or {}).values()):
-            process.terminate()     # of a task that is cut short only its scratch folder is left
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
+    with spawned(count, start_worker, (threads,)) as executor:
+        # No worker waits while results are written. Of a task that is cut short only its scratch
+        # folder is left.
+        yield Workers(executor, count + 1)
 
 
 @contextmanager

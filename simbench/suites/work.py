@@ -154,13 +154,18 @@ def asked_of(run: Run) -> dict[str, Any]:
 
 
 def start_worker(threads: int) -> None:
-    """What a worker process does first: takes its share of the processors, dies with its parent."""
+    """What a worker process does first: takes its share of the processors, dies with its parent.
+
+    From here on it hears Ctrl-C, so that a program it runs is ended, too.
+    """
+    import signal  # noqa: PLC0415
     import threading  # noqa: PLC0415
     from multiprocessing import parent_process  # noqa: PLC0415
 
     import cv2  # noqa: PLC0415
     import numba  # noqa: PLC0415
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ["LP_NUM_THREADS"] = str(threads)   # Mesa's software rasteriser takes all otherwise
     cv2.setNumThreads(threads)
     numba.set_num_threads(min(threads, numba.get_num_threads()))

@@ -62,6 +62,8 @@ def test_debug_shows_the_traceback_wherever_it_stands(capsys):
     (PermissionError(errno.EACCES, "Permission denied", "/out"), 2, "/out: permission denied"),
     (OSError(errno.EROFS, "Read-only file system", "/out"), 2, "read-only"),
     (OSError(errno.EIO, "Input/output error", "/out"), 2, "/out: Input/output error"),
+    (FileExistsError(errno.EEXIST, "File exists", "/out"), 2, "/out: a file stands where a folder"),
+    (NotADirectoryError(errno.ENOTDIR, "Not a directory", "/out"), 2, "/out: a file stands where"),
     (KeyboardInterrupt(), 130, "interrupted"),
 ])
 def test_what_the_system_refuses_is_one_line(error, code, message, capsys, monkeypatch):
@@ -103,6 +105,13 @@ def test_help_lists_the_commands_and_loads_nothing_heavy(capsys):
 def test_the_version_is_shown(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"simbench {metadata.version('simbench-slam')}\n"
+
+
+def test_an_empty_argument_is_refused_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)      # an empty folder, which --out '' would mean
+    assert main(["generate", "SwingingBoxes-v0", "--out", "", "--frames", "1"]) == 2
+    assert "an argument is empty" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
 
 
 def test_no_place_for_compiled_loops_is_one_line(tmp_path):

@@ -1,5 +1,10 @@
 """generate, verify, export and view, as they are typed."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -123,3 +128,29 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "file" in error
+
+
+@pytest.mark.parametrize("after", ["unfinished.json", "rgb/000000.png"])
+def test_an_interrupt_ends_the_rendering_processes_without_a_word_of_theirs(tmp_path, after):
+    out = tmp_path / "room"
+    started = subprocess.Popen(
+        [sys.executable, "-c", "import sys; from simbench.cli import main; sys.exit(main())",
+         "generate", SCENE, "--out", str(out), "--frames", "2000", "--workers", "2"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    end_s = time.monotonic() + 120.0
+    while not (out / after).exists() and time.monotonic() < end_s:
+        time.sleep(0.05)
+    os.killpg(started.pid, signal.SIGINT)       # as a terminal does: to all of them
+    _, said = started.communicate(timeout=60)
+    assert (started.returncode, said) == (130, "interrupted\n")
+    assert (out / "unfinished.json").exists()   # for --resume
+
+
+def test_a_folder_of_results_is_named_as_such(tmp_path, capsys):
+    for name, what in (("metrics.json", "holds a run"), ("suite.json", "holds a suite's runs")):
+        folder = tmp_path / name.removesuffix(".json")
+        folder.mkdir()
+        (folder / name).write_text("{}")
+        assert main(["verify", str(folder)]) == 2
+        assert f"{what}, no sequence" in capsys.readouterr().err
