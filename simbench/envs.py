@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import gymnasium
@@ -81,16 +82,18 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         _check_one_of("masks", masks, ("truth", "noisy", "hsv"))
         if render_mode is not None:
             _check_one_of("render_mode", render_mode, tuple(self.metadata["render_modes"]))
-        find_sensor(sensor)
+        find_sensor(str(sensor))
         self.spec_of_scene = find_scene(scene)
         self.frames = self.spec_of_scene.frames if frames is None else frames
-        if self.frames < 1:
-            raise UserError(f"frames {frames}: an episode has at least one step")
+        _check_numbers(self.frames, size, fps, max_objects, max_edges)
         self.choice = InputChoice(flow=flow, masks=masks, boxes="none", depth="sensor",
                                   sensor=sensor, shuffle_labels=shuffle_labels)
         self.render_mode = render_mode
-        self.max_objects = max_objects or self.spec_of_scene.most_objects
+        self.max_objects = self.spec_of_scene.most_objects if max_objects is None else max_objects
         self.max_edges = max_edges
+        if not (0.0 <= max_turn_rad_s < np.inf and 0.0 <= max_speed_m_s < np.inf):
+            raise UserError(f"max_turn_rad_s={max_turn_rad_s}, max_speed_m_s={max_speed_m_s}: "
+                            "wanted finite numbers that are not negative")
         self.max_twist = np.repeat([max_turn_rad_s, max_speed_m_s], 3).astype(np.float64)
         self._dials = self.spec_of_scene.resolve_dials(dials)
         self._size = size or (self.spec_of_scene.width, self.spec_of_scene.height)
@@ -182,6 +185,20 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         return observation, {"flow_valid": valid, "truth": {
             **_truth_info(self._live, self.max_objects, self.max_edges),
             "object_of_label": labels}}
+
+
+def _check_numbers(frames: Any, size: Any, fps: Any, max_objects: Any, max_edges: Any) -> None:
+    """What has no meaning whatever the scene. Raises UserError."""
+    if not isinstance(frames, int | np.integer) or frames < 1:
+        raise UserError(f"frames={frames!r}: an episode has a whole number of steps, at least one")
+    if size is not None and not (isinstance(size, Sequence) and len(size) == 2 and all(
+            isinstance(side, int | np.integer) for side in size)):
+        raise UserError(f"size={size!r}: wanted (width, height) in whole pixels, as in (640, 480)")
+    if fps is not None and not (isinstance(fps, SupportsFloat) and float(fps) > 0.0):
+        raise UserError(f"fps={fps!r}: wanted a number above 0")
+    for name, rows in (("max_objects", max_objects), ("max_edges", max_edges)):
+        if rows is not None and not (isinstance(rows, int | np.integer) and rows > 0):
+            raise UserError(f"{name}={rows!r}: wanted a whole number above 0")
 
 
 def _check_one_of(name: str, value: str, known: tuple[str, ...]) -> None:
