@@ -25,6 +25,8 @@ from slam.geometry.arrays import Array
 from slam.spread import sigma_of_distances
 from slam.types import Intrinsics
 
+_LEAST_RHO = 1e-6        # 1/m
+
 
 class Anchors:
     """The patches, by row of the map's points."""
@@ -74,6 +76,10 @@ class Anchors:
         self._slope[rows] = np.where((planes.rho > 0)[:, None], planes.slope, 0.0)
         self.known[rows] = True
         return np.asarray(new)
+
+    def shift(self, offset: float) -> None:
+        """Add an offset, 1/m, to the inverse depths of all."""
+        self._rho[self.known] = np.maximum(self._rho[self.known] + offset, _LEAST_RHO)
 
     def forget(self, rows: Array) -> None:
         """Rows that are other landmarks' now: these have no patch yet."""

@@ -33,6 +33,7 @@ class DepthConfig:
     inverse_depth_sigma: float = 0.002   # 1/m; σ_z = 0.002 z², a Kinect's or a good stereo rig's
     min_m: float = 0.05              # nearer is no depth
     max_m: float = 100.0             # farther depths make no landmark
+    learn_depth_offset: bool = True  # a common offset of all inverse depths, once it stands out
 
 
 @dataclass(frozen=True, slots=True)

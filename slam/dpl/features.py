@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam.estimation.calibration import shifted_depth
 from slam.geometry.arrays import Array, freeze_fields
 
 _TWO_CORNERS_PX = float(np.sqrt(2.0 / 12.0))     # standard deviation between two whole pixels
@@ -64,6 +65,12 @@ class Features:
 
     points: KeyPoints
     lines: KeyLines
+
+    def shifted(self, offset: float) -> Features:
+        """The same with an offset, 1/m, added to every inverse depth that is known."""
+        return Features(
+            replace(self.points, depth_m=shifted_depth(self.points.depth_m, offset)),
+            replace(self.lines, depth_m=shifted_depth(self.lines.depth_m, offset)))
 
     def of_any_landmark(self, scale: float) -> Features:
         """The same, to be held against other landmarks than those their keyframe knew them as.

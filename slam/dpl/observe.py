@@ -69,6 +69,7 @@ class FrameObserver:
         self.stereo.fault = ""           # of a pair before, if this frame is none
         if pair:
             whole = self.stereo(whole, right[0], picture.smooth, pair[0].smooth)
+            whole = whole.shifted(picture.depth_offset)
             lap("stereo")
         if not culls:
             return Observed(whole, None, None)

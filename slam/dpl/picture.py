@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from slam.dpl.config import DepthConfig
+from slam.estimation.calibration import shifted_depth
 from slam.frontend.refine import prepare_image
 from slam.frontend.support import surface_image
 from slam.geometry.arrays import Array
@@ -20,11 +21,12 @@ from slam.types import Frame
 class Picture:
     gray: Array          # (H, W) uint8
     depth_m: Array       # (H, W) float32, 0 where there is none
+    depth_offset: float = 0.0    # 1/m, that all inverse depths are given
 
     @classmethod
-    def of(cls, frame: Frame, config: DepthConfig) -> Picture:
-        return cls(np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)),
-                   clean_depth(frame.depth_m, config))
+    def of(cls, frame: Frame, config: DepthConfig, depth_offset: float) -> Picture:
+        depth = shifted_depth(clean_depth(frame.depth_m, config), depth_offset)
+        return cls(np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)), depth, depth_offset)
 
     @classmethod
     def without_depth(cls, rgb: Array) -> Picture:

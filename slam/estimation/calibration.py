@@ -10,9 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam.geometry.arrays import Array
+
 _TRUST = 0.25          # of the information that one frame states: its errors are not independent
 _SIGNIFICANT = 5.0     # standard deviations from which an offset is believed
 _SMALLEST = 3e-4       # 1/m: noise that is not symmetric in 1/z looks like a smaller one
+_FARTHEST = 1e-6       # 1/m: nothing is behind the horizon
 _LARGEST = 0.01        # 1/m: 4 px of disparity on KITTI; beyond it something else is wrong
 
 
@@ -31,10 +34,27 @@ class DepthOffset:
         return DepthOffset(self.information + information, self.weighted + information * offset)
 
     @property
+    def mean(self) -> float:
+        """What is likeliest so far, believed or not; 0 while nothing is known."""
+        return self.weighted / self.information if self.information > 0.0 else 0.0
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the mean; infinite while nothing is known."""
+        return float(1.0 / np.sqrt(self.information)) if self.information > 0.0 else np.inf
+
+    @property
     def value(self) -> float:
         """To be added to every measured inverse depth; 0 while it does not stand out."""
-        if self.information == 0.0:
-            return 0.0
-        mean = self.weighted / self.information
-        least = max(_SMALLEST, _SIGNIFICANT / np.sqrt(self.information))
-        return mean if least < abs(mean) < _LARGEST else 0.0
+        least = max(_SMALLEST, _SIGNIFICANT * self.sigma)
+        return self.mean if least < abs(self.mean) < _LARGEST else 0.0
+
+
+def shifted_depth(depth_m: Array, offset: float) -> Array:
+    """Depths, 0 where there is none, with an offset (1/m) added to the inverse of each."""
+    if offset == 0.0:
+        return depth_m
+    known = depth_m > 0
+    rho = np.divide(1.0, depth_m, out=np.ones_like(depth_m), where=known)
+    moved = np.maximum(rho + depth_m.dtype.type(offset), depth_m.dtype.type(_FARTHEST))
+    return np.where(known, 1.0 / moved, depth_m.dtype.type(0))

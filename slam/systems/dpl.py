@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.dpl.calibrate import DepthCalibration
 from slam.dpl.config import DplConfig
 from slam.dpl.culling import StillGround
 from slam.dpl.features import Features
@@ -18,6 +19,7 @@ from slam.dpl.mapping import LocalMapper
 from slam.dpl.memory import LandmarkMemory
 from slam.dpl.observe import FrameObserver
 from slam.dpl.picture import Picture
+from slam.dpl.recalibrate import recalibrate
 from slam.dpl.recognise import PlaceIndex
 from slam.dpl.reference import Reference
 from slam.dpl.relocalise import places
@@ -43,6 +45,7 @@ class DplSlam:
         self.tracker = PoseTracker(intrinsics, config)
         self.mapper = LocalMapper(intrinsics, config)
         self.memory = LandmarkMemory(intrinsics, config)
+        self.calibration = DepthCalibration(intrinsics, config)
         self.places = PlaceIndex()
         self.loop_detector = LoopDetector(self.places, config.loop)
         self.loop_closer = LoopCloser(self.tracker)
@@ -57,7 +60,8 @@ class DplSlam:
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame; never raises for what a frame shows."""
         clock = Stopwatch()
-        self.picture = picture = Picture.of(frame, self.config.depth)
+        self.picture = picture = Picture.of(frame, self.config.depth,
+                                            self.calibration.applied)
         seen = self.observe(picture, frame, self.history.expected_motion(frame.stamp_s), clock.lap)
         self.ground = seen.ground
         estimate = self._localise(frame, seen.features, clock)
@@ -99,6 +103,7 @@ class DplSlam:
         blank = TrackedFrame(features, np.array(T_world_camera),
                              np.full(len(features.points), -1, np.int64),
                              np.full(len(features.lines), -1, np.int64))
+        self._learn_offset(blank)
         self._insert(row, blank)
         self.lost_with_features = 0
 
@@ -111,9 +116,21 @@ class DplSlam:
         self.places.keep_only(np.array([k.alive for k in self.map.keyframes]))
         if self.config.loop.enabled:
             self._close_loop(keyframe)
+        self._apply_offset()
         self.reference = Reference(keyframe, row)
         self.before = TrackedFrame(keyframe.features, keyframe.T_world_camera,
                                    keyframe.point_of.copy(), keyframe.line_of.copy())
+
+    def _learn_offset(self, tracked: TrackedFrame) -> None:
+        assert self.picture is not None
+        self.calibration.learn(self.picture, tracked)
+
+    def _apply_offset(self) -> None:
+        """Once the depths are known to have an offset, the map is corrected for it."""
+        more = self.calibration.due()
+        if more != 0.0:
+            recalibrate(self.map, self.memory, more, self.intrinsics, self.config)
+            self.calibration.apply(more)
 
     def _leant_on(self) -> Keyframe | None:
         return None if self.reference is None else self.reference.keyframe
@@ -202,6 +219,7 @@ class DplSlam:
         self.map.points.count_use(seen.points_in_view, tracked.point_of[tracked.point_of >= 0])
         self.map.lines.count_use(seen.lines_in_view, tracked.line_of[tracked.line_of >= 0])
         self.before, self.lost_with_features = tracked, 0
+        self._learn_offset(tracked)
         if self.reference.outgrown(tracked, row, self.config.mapping):
             self._insert(row, tracked)
             self._lean_on_reference()
@@ -211,6 +229,7 @@ class DplSlam:
     def _lose(self, frame: Frame, features: Features, reason: str, clock: Stopwatch
               ) -> FrameEstimate:
         self.before = None
+        self.calibration.forget_frame()
         return self._recover(frame, features, clock, reason)
 
     def _recover(self, frame: Frame, features: Features, clock: Stopwatch, reason: str = ""
