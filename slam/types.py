@@ -192,7 +192,7 @@ class ClosedLoops:
 
     row: Array               # (N,) int64 of the run: the frame that closed each
     seen_before: Array       # (N,) int64: the frame that it was found again in
-    T_before_now: Array      # (N, 4, 4) the camera then to the camera now, as it was measured
+    T_before_now: Array      # (N, 4, 4) camera then to camera now, once the map was corrected
 
     def __post_init__(self) -> None:
         freeze_fields(self, row=("N",), seen_before=("N",), T_before_now=("N", 4, 4))

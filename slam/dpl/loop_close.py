@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from slam.backend.pose_graph import PoseEdges, optimise_poses, residuals
@@ -41,13 +43,13 @@ class LoopCloser:
         found = self._optimised(map_, loop, config.loop)
         if found is None:
             return False
-        self.loops.append(loop)
         for keyframe, T in zip(map_.living(), found, strict=True):
             keyframe.T_world_camera = T
         map_.follow_references(before, map_.poses(), np.arange(map_.points.count),
                                np.arange(map_.lines.count))
         fuse(map_, loop, self.tracker)
         adjust_all(map_, self.tracker.camera, config, config.loop.iterations)
+        self.loops.append(as_adjusted(loop))
         return True
 
     def _optimised(self, map_: PointLineMap, loop: Loop, config: LoopConfig) -> Array | None:
@@ -62,6 +64,16 @@ class LoopCloser:
         if not np.isfinite(found).all() or residuals(found, edges)[-1] > _MAX_TENSION:
             return None
         return found
+
+
+def as_adjusted(loop: Loop) -> Loop:
+    """The loop as the adjusted map has it.
+
+    It was found by what both ends had been seen to share, a strip of the picture at times; now they
+    hang together by all that has been fused around them.
+    """
+    return replace(loop, T_old_keyframe=se3.inverse(loop.old.T_world_camera)
+                   @ loop.keyframe.T_world_camera)
 
 
 def _edges(map_: PointLineMap, living: list[Keyframe], row: Array, T: Array, loops: list[Loop],
