@@ -217,6 +217,7 @@ class MapRecord:
     bodies: dict[int, BodyRecord] = field(default_factory=lambda: {STATIC: BodyRecord(0)})
     points: Features[PointLandmarks, PointObservations] = field(default_factory=_point_features)
     lines: Features[LineLandmarks, LineObservations] = field(default_factory=_line_features)
+    step_correlation: float = 0.0      # of a tracked step's error with the next one's, so far
 
     def new_body(self, track: int) -> int:
         """Begin a body for an object track; its number."""

@@ -2,7 +2,8 @@
 
 Static world and rigid object alike (EQUATIONS 5, the object-centric formulation): each point and
 each line is one variable for its whole life. The tracker's steps tie successive poses, with the
-information that the tracker claims for them.
+information that the tracker claims for them, and as their errors hang together
+(slam.backend.step_errors).
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from slam.backend.config import BundleConfig
 from slam.backend.descend import levenberg_marquardt
 from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily, Room
 from slam.backend.pose_covariance import step_covariances
-from slam.backend.pose_system import add_steps, quadratic, solve_poses
+from slam.backend.pose_system import solve_poses
+from slam.backend.step_errors import add_steps, cost_of_steps, roots, ties
 from slam.factors import odometry_terms
 from slam.geometry.arrays import Array
 from slam.geometry.se3_rows import moved_rows
@@ -37,6 +39,7 @@ class BodyPath:
     T_body_camera: Array     # (F, 4, 4) where the batch starts
     steps: Array             # (F, 4, 4) as tracked, from the pose before; of the first: no matter
     information: Array       # (F, 6, 6) of each step; 0 where unknown
+    correlation: float = 0.0   # of a step's error with the next one's
 
 
 class State(NamedTuple):
@@ -125,22 +128,22 @@ class Problem:
             no_line_prior(_NO_LINES) if line_prior is None else line_prior, camera, config,
             line_room)
         self.families: tuple[Family, Family] = self.points, self.lines
-        self.band = max(2, *(family.longest for family in self.families))
         self.steps = np.array(path.steps[1:])
-        self.information = np.array(path.information[1:])
-        unknown = ~np.isfinite(self.information).all(axis=(1, 2)) | (
-            np.einsum("fii->f", self.information) <= 0)
-        self.information[unknown] = UNKNOWN_STEP
+        information = np.array(path.information[1:])
+        known = np.isfinite(information).all(axis=(1, 2)) & (
+            np.einsum("fii->f", information) > 0)
+        information[~known] = UNKNOWN_STEP
+        self.root, self.ties = roots(information), ties(known, path.correlation)
+        self.band = max(1 + self.ties.shape[1], *(family.longest for family in self.families))
         T = path.T_body_camera
         self._terms = self._trial_terms = odometry_terms(T[:-1], T[1:], self.steps)
-        self._room = np.empty((len(self.steps), 6))
 
     def objective(self, state: State) -> float:
         """The objective, robust; `take_over` makes this the point of linearisation."""
         T, xyz, lines = state
         self._trial_terms = odometry_terms(T[:-1], T[1:], self.steps)
         return (self.points.evaluate(T, xyz) + self.lines.evaluate(T, lines)
-                + quadratic(self._trial_terms.r, self.information, self._room))
+                + cost_of_steps(self._trial_terms.r, self.root, self.ties))
 
     def take_over(self) -> None:
         """Linearise where the objective was asked for last."""
@@ -175,7 +178,7 @@ class Problem:
         S, g = np.zeros((F, self.band, 6, 6)), np.zeros((F, 6))
         for family in self.families:
             family.reduce(damping, S, g)
-        add_steps(*self._terms, self.information, S, g)
+        add_steps(*self._terms, self.root, self.ties, S, g)
         return S, g
 
     def measure_noise(self) -> None:

@@ -77,7 +77,7 @@ class BackendConfig:
     # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
     # that many of them hold less than their noise claims; flow that was given has noise of its
     # own. Steps tracked on it weigh by this factor against sightings. Measured: docs/departures.md.
-    given_flow_weight: float = 15.0
+    given_flow_weight: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)

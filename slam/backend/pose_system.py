@@ -1,4 +1,4 @@
-"""What steps between successive poses add to the poses' normal equations, and their solution."""
+"""The poses' normal equations: quadratic terms, and their solution."""
 
 from __future__ import annotations
 
@@ -14,29 +14,6 @@ from threadpoolctl import ThreadpoolController
 from slam.geometry.arrays import Array
 
 _SMALL_SYSTEM = 100    # unknowns, up to which calling a library takes longer than the solution
-
-
-@numba.njit(cache=True)
-def add_steps(r, J_first, J_second, information, S, g):  # type: ignore[no-untyped-def]
-    """Add residuals (F − 1, 6) of steps between successive poses to S and g."""
-    first, second = np.empty((6, 6)), np.empty((6, 6))
-    for k in range(len(r)):
-        first[:] = 0.0
-        second[:] = 0.0
-        for c in range(6):
-            for d in range(6):
-                weight = information[k, c, d]
-                for a in range(6):
-                    first[a, d] += J_first[k, c, a] * weight
-                    second[a, d] += J_second[k, c, a] * weight
-        for a in range(6):
-            for d in range(6):
-                g[k, a] += first[a, d] * r[k, d]
-                g[k + 1, a] += second[a, d] * r[k, d]
-                for c in range(6):
-                    S[k, 0, a, c] += first[a, d] * J_first[k, d, c]
-                    S[k, 1, a, c] += first[a, d] * J_second[k, d, c]
-                    S[k + 1, 0, a, c] += second[a, d] * J_second[k, d, c]
 
 
 @numba.njit(cache=True)

@@ -159,7 +159,8 @@ def refine_body(body: BodyRecord, number: int, record: MapRecord, camera: Intrin
     """One body's bundle adjustment."""
     xyz, sightings = of_body(record.points, body, number, config)
     lines, line_sightings = of_body(record.lines, body, number, config)
-    path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information))
+    path = BodyPath(np.array(body.poses), np.array(body.steps), np.array(body.information),
+                    record.step_correlation)
     return bundle(path, xyz, sightings, camera, config, lines, line_sightings)
 
 

@@ -167,7 +167,7 @@ class SlidingWindow:
         if len(s) + len(line_s) == 0:
             return
         path = BodyPath(np.array(body.poses[window]), np.array(body.steps[window]),
-                        np.array(body.information[window]))
+                        np.array(body.information[window]), self.record.step_correlation)
         problem = Problem(path, s, _prior(self.points.alive, points), self.camera, self.bundle,
                           line_s, _prior(self.lines.alive, lines),
                           (self.points.room, self.lines.room))

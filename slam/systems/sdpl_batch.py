@@ -11,6 +11,7 @@ import numpy as np
 from slam.backend.anchors import PointAnchors
 from slam.backend.chained import refine_chained
 from slam.backend.config import SdplBatchConfig
+from slam.backend.flow_errors import SuccessiveErrors
 from slam.backend.frame_bodies import frame_bodies
 from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
@@ -57,6 +58,7 @@ class SdplBatch:
                                     self.record.points)
         self._lines = LineAnchors(intrinsics, self.backend.anchors, self.tracker.config.noise,
                                   self.record.lines)
+        self._flow_errors = SuccessiveErrors(intrinsics)
         self._since_detection = 0
         self._sought_on: set[int] = set()             # bodies, when landmarks were detected last
         self._window = SlidingWindow(intrinsics, self.backend.window, self.backend.bundle,
@@ -66,6 +68,7 @@ class SdplBatch:
 
     def process(self, frame: Frame) -> FrameEstimate:
         """Track one frame, and record what it shows of the landmarks."""
+        before = self.tracker.previous
         estimate = self.tracker.process(frame)
         start = perf_counter()
         self.record.indices.append(frame.index)
@@ -73,6 +76,7 @@ class SdplBatch:
         reference = self.tracker.previous
         if reference is None or reference.frame is not frame:
             return estimate                       # lost, and tracking goes on from an earlier frame
+        self._measure_flow_errors(before, frame, estimate)
         self._record(row, reference, estimate)
         anchored = perf_counter()
         if self.backend.window.enabled:
@@ -122,6 +126,16 @@ class SdplBatch:
             return refine_chained(self.record, tracked, self.intrinsics, self.backend.bundle,
                                   self.backend.chain)
         return refine_run(self.record, tracked, self.intrinsics, self.backend.bundle)
+
+    def _measure_flow_errors(self, before: Observation | None, frame: Frame,
+                             estimate: FrameEstimate) -> None:
+        tracked = self._motions.last
+        if (before is None or tracked is None or estimate.status is not Status.TRACKED
+                or frame.flow is None or frame.index != before.frame.index + 1):
+            self._flow_errors.interrupted()
+            return
+        self._flow_errors.take_in(frame.flow, before, se3.inverse(tracked.T_a_b))
+        self.record.step_correlation = self._flow_errors.correlation
 
     def _record(self, row: int, current: Observation, estimate: FrameEstimate) -> None:
         # Where tracking began here, nothing is known of the step to this frame.
