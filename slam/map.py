@@ -94,7 +94,9 @@ class BodyRecord:
     frames: list[int] = field(default_factory=list)          # rows in the run, ascending
     poses: list[Array] = field(default_factory=list)         # (4, 4) T_body_camera, as known best
     steps: list[Array] = field(default_factory=list)         # (4, 4) to each pose, as tracked
-    information: list[Array] = field(default_factory=list)   # (6, 6) of each step
+    information: list[Array] = field(default_factory=list)   # (6, 6) that each step states
+    # By which steps outweigh that in the partial batch: there, sightings count as if independent.
+    weight: list[float] = field(default_factory=list)
     rigidity: list[float] = field(default_factory=list)      # share that moved as one body
 
     def begin(self, frame: int, T_body_camera: Array) -> None:
@@ -103,14 +105,17 @@ class BodyRecord:
         self.poses.append(T_body_camera)
         self.steps.append(np.eye(4))
         self.information.append(np.zeros((6, 6)))
+        self.weight.append(1.0)
         self.rigidity.append(1.0)
 
-    def add(self, frame: int, step: Array, information: Array, rigidity: float = 1.0) -> None:
+    def add(self, frame: int, step: Array, information: Array, rigidity: float = 1.0,
+            weight: float = 1.0) -> None:
         """Go one step (4, 4) on from the last pose; `information` is 0 where it is not known."""
         self.frames.append(frame)
         self.poses.append(se3.orthonormalised(self.poses[-1] @ step))
         self.steps.append(step)
         self.information.append(information)
+        self.weight.append(weight)
         self.rigidity.append(rigidity)
 
 

@@ -96,6 +96,7 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
         state = levenberg_marquardt(problem, state, config)
         problem.measure_noise()
         problem.drop_misfits()
+        problem.measure_likeness()
     state = levenberg_marquardt(problem, state, config)
     before, after = problem.objective(begin), problem.objective(state)
     if not after <= before:
@@ -185,6 +186,11 @@ class Problem:
         """Scale the assumed noise to the residuals at the point of linearisation."""
         for family in self.families:
             family.measure_noise()
+
+    def measure_likeness(self) -> None:
+        """Weigh landmarks by how alike their sightings err."""
+        for family in self.families:
+            family.measure_likeness()
 
     def drop_misfits(self) -> float:
         """Leave out landmarks most of whose sightings fit no one place; what they cost."""

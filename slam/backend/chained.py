@@ -136,7 +136,8 @@ class ChainedProblem:
         self._tried = self.begin
         self._odometry = np.array(static.steps[1:])
         # Neighbouring steps' errors hang together; here, only what that does to long ways counts.
-        information = np.array(static.information[1:]) / (1.0 + 2.0 * record.step_correlation)
+        information = (np.array(static.information[1:]) * np.array(static.weight[1:])[:, None, None]
+                       / (1.0 + 2.0 * record.step_correlation))
         unknown = ~np.isfinite(information).all(axis=(1, 2)) | (
             np.einsum("fii->f", information) <= 0)
         information[unknown] = UNKNOWN_STEP

@@ -49,6 +49,10 @@ class WindowConfig:
     noise_memory: float = 0.8         # weight of the earlier frames in the measured noise
     # Of what has left the window, each time a frame leaves: it was told with poses that err, too.
     prior_weight: float = 0.8
+    # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
+    # that many of them hold less than their noise claims; a window is too short to measure it.
+    # Steps tracked on given flow, which has noise of its own, weigh by this factor against them.
+    given_flow_weight: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +78,6 @@ class BackendConfig:
     window: WindowConfig = field(default_factory=WindowConfig)
     bundle: BundleConfig = field(default_factory=BundleConfig)
     global_batch: bool = True         # refine the whole run when it ends
-    # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
-    # that many of them hold less than their noise claims; flow that was given has noise of its
-    # own. Steps tracked on it weigh by this factor against sightings. Measured: docs/departures.md.
-    given_flow_weight: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.backend.config import BundleConfig
-from slam.backend.linearise import linearise, linearise_lines, whitening
+from slam.backend.linearise import UNSEEN_CHI2, linearise, linearise_lines, whitening
 from slam.backend.pose_system import quadratic
 from slam.backend.reduced import landmark_steps, reduce_landmarks
-from slam.backend.settle import condense, drop_misfits, noise_ratios
+from slam.backend.settle import condense, drop_misfits, likeness, noise_ratios
 from slam.geometry.arrays import Array
 from slam.line_sightings import change_of_lines, moved_lines
 from slam.map import LineObservations, PointObservations
@@ -80,6 +80,7 @@ class Family(ABC):
         self.whitening = whitening(sightings.covariance,
                                    sightings.rho_sigma.reshape(len(self.pose), depths))
         self.uv_scale2 = self.rho_scale2 = 1.0
+        self._share: Array | None = None         # (M,) of a sighting's information that counts
         self.now, self._trial = room.take(len(self.pose))
         self._inverse = np.empty_like(prior.information)
         self._gradient = np.empty(prior.information.shape[:2])
@@ -101,6 +102,8 @@ class Family(ABC):
         scale = np.full(self.whitening.shape[1], 1.0 / np.sqrt(self.rho_scale2))
         scale[:3] = 1.0 / np.sqrt(self.uv_scale2)
         cost = self._fill(T, place, self.whitening * scale, trial)
+        if self._share is not None:
+            cost = self._shared(trial, self._share)
         off = self.off(place, self.prior.place)
         trial.place, trial.pull = place, np.zeros_like(off)
         return cost + quadratic(off, self.prior.information, trial.pull)
@@ -136,10 +139,35 @@ class Family(ABC):
 
         A landmark's own position takes up one sighting's worth of its residuals.
         """
-        uv, rho = noise_ratios(self.start, self.now.r, self.now.chi2, self.whitening,
+        uv, rho = noise_ratios(self.start, self._whole_residuals(), self.now.chi2, self.whitening,
                                self.config.kernel_width)
         self.uv_scale2 = max(self.uv_scale2 * uv, _SMALLEST_SCALE2)
         self.rho_scale2 = max(self.rho_scale2 * rho, _SMALLEST_SCALE2)
+
+    def measure_likeness(self) -> None:
+        """Let a landmark's sightings count for less by how alike they err.
+
+        Of n sightings whose errors correlate by c, each holds 1 / (1 + (n − 1) c) of what it would
+        alone (Kish's design effect).
+        """
+        c = max(likeness(self.start, self._whole_residuals()), 0.0)
+        count = np.diff(self.start)
+        self._share = np.repeat(1.0 / (1.0 + c * (count - 1)), count)
+
+    def _whole_residuals(self) -> Array:
+        """(M, R) current ones, weighted by the kernel alone."""
+        if self._share is None:
+            return self.now.r
+        return np.asarray(self.now.r / np.sqrt(self._share)[:, None])
+
+    def _shared(self, filled: Linearisation, share: Array) -> float:
+        """Weigh a linearisation's sightings by their shares; its cost then."""
+        root, width2 = np.sqrt(share), self.config.kernel_width**2
+        filled.r *= root[:, None]
+        filled.J *= root[:, None, None]
+        filled.V *= root[:, None, None]
+        chi2 = np.minimum(filled.chi2, UNSEEN_CHI2)
+        return float(width2 * np.sum(share * np.log1p(chi2 / width2)))
 
     def drop_misfits(self) -> float:
         """Leave out landmarks most of whose sightings fit no one place; what they cost.

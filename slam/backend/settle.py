@@ -10,6 +10,7 @@ from slam.backend.reduced import invert
 from slam.spread import MEDIAN_CHI2_1, MEDIAN_CHI2_2
 
 _MIN_SIGHTINGS = 4            # of a landmark: fewer take the shape of its noise
+_NEAR = 8                     # sightings of a landmark whose errors are compared
 _MIN_FOR_SCALE = 50           # sightings from which a noise scale may be read
 
 
@@ -45,6 +46,34 @@ def noise_ratios(start, r, chi2, whitening, width):  # type: ignore[no-untyped-d
         if deep >= _MIN_FOR_SCALE:
             ratio_rho = np.median(rho[:deep]) / MEDIAN_CHI2_1
     return ratio_uv, ratio_rho
+
+
+@numba.njit(cache=True)
+def likeness(start, r):  # type: ignore[no-untyped-def]
+    """Correlation of the pixel errors of one landmark's sightings; 0 where too few tell.
+
+    Over sightings up to 7 apart. That a landmark's place takes up the mean of its n residuals makes
+    them correlate by −1/n: so much is added.
+
+    Args:
+        r: (M, R) whitened residuals; the first two are the pixels'.
+    """
+    together, alone, count = 0.0, 0.0, 0
+    for p in range(len(start) - 1):
+        first, last = start[p], start[p + 1]
+        n = last - first
+        if n < _MIN_SIGHTINGS:
+            continue
+        square = 0.0
+        for i in range(first, last):
+            square += r[i, 0] ** 2 + r[i, 1] ** 2
+        square /= n - 1.0
+        for i in range(first, last):
+            for j in range(i + 1, min(i + _NEAR, last)):
+                together += r[i, 0] * r[j, 0] + r[i, 1] * r[j, 1] + square / n
+                alone += square
+                count += 1
+    return together / alone if count >= _MIN_FOR_SCALE and alone > 0.0 else 0.0
 
 
 @numba.njit(cache=True)

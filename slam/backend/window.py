@@ -167,7 +167,7 @@ class SlidingWindow:
         if len(s) + len(line_s) == 0:
             return
         path = BodyPath(np.array(body.poses[window]), np.array(body.steps[window]),
-                        np.array(body.information[window]), self.record.step_correlation)
+                        _weighted(body, window), self.record.step_correlation)
         problem = Problem(path, s, _prior(self.points.alive, points), self.camera, self.bundle,
                           line_s, _prior(self.lines.alive, lines),
                           (self.points.room, self.lines.room))
@@ -191,6 +191,11 @@ class SlidingWindow:
 
     def _sides(self, problem: Problem) -> tuple[tuple[_Seen, Family], tuple[_Seen, Family]]:
         return (self.points, problem.points), (self.lines, problem.lines)
+
+
+def _weighted(body: BodyRecord, window: slice) -> Array:
+    """(F, 6, 6) information of steps against sightings that count in full."""
+    return np.array(body.information[window]) * np.array(body.weight[window])[:, None, None]
 
 
 def _prior(alive: _Alive, own: slice) -> LandmarkPrior:

@@ -140,17 +140,19 @@ class SdplBatch:
     def _record(self, row: int, current: Observation, estimate: FrameEstimate) -> None:
         # Where tracking began here, nothing is known of the step to this frame.
         tracked = self._motions.last if estimate.status is Status.TRACKED else None
-        weight = 1.0 if current.frame.flow is None else self.backend.given_flow_weight
-        information = np.zeros((6, 6)) if tracked is None else weight * tracked.information
-        by_label = {} if tracked is None else {o.label: weight * o.information
-                                               for o in tracked.objects}
+        weight = 1.0 if current.frame.flow is None else self.backend.window.given_flow_weight
+        by_label = {} if tracked is None else {o.label: o.information for o in tracked.objects}
         X = estimate.T_world_camera
         step = se3.inverse(self._last_pose) @ X
         static = self.record.bodies[STATIC]
-        if static.frames:
-            static.add(row, step, information)
-        else:
+        if not static.frames:
             static.begin(row, X)
+        elif tracked is None:
+            static.add(row, step, np.zeros((6, 6)))
+        else:
+            # On an object, patches of sightings overlap as those of the step do; here they do not.
+            static.add(row, step, tracked.information / tracked.sharing,
+                       weight=weight * tracked.sharing)
         current_bodies: dict[int, int] = {}
         for track, motion in estimate.objects.items():
             body = self._body_of_track.get(track)
@@ -160,7 +162,7 @@ class SdplBatch:
             in_body = se3.inverse(self._last_pose) @ se3.inverse(motion.H_world) @ X
             # Of what bends, a motion holds less than its many points claim.
             known = motion.rigidity**2 * by_label[motion.instance_id]
-            self.record.bodies[body].add(row, in_body, known, motion.rigidity)
+            self.record.bodies[body].add(row, in_body, known, motion.rigidity, weight)
             current_bodies[track] = body
         poses = {body: self.record.bodies[body].poses[-1]
                  for body in (STATIC, *current_bodies.values())}
