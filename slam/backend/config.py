@@ -52,7 +52,7 @@ class WindowConfig:
     # Alignments on pictures err alike (lighting that moves with the view, filtered texture), so
     # that many of them hold less than their noise claims; a window is too short to measure it.
     # Steps tracked on given flow, which has noise of its own, weigh by this factor against them.
-    given_flow_weight: float = 4.0
+    given_flow_weight: float = 15.0
 
 
 @dataclass(frozen=True, slots=True)

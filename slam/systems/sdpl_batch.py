@@ -141,18 +141,15 @@ class SdplBatch:
         # Where tracking began here, nothing is known of the step to this frame.
         tracked = self._motions.last if estimate.status is Status.TRACKED else None
         weight = 1.0 if current.frame.flow is None else self.backend.window.given_flow_weight
+        information = np.zeros((6, 6)) if tracked is None else tracked.information
         by_label = {} if tracked is None else {o.label: o.information for o in tracked.objects}
         X = estimate.T_world_camera
         step = se3.inverse(self._last_pose) @ X
         static = self.record.bodies[STATIC]
-        if not static.frames:
-            static.begin(row, X)
-        elif tracked is None:
-            static.add(row, step, np.zeros((6, 6)))
+        if static.frames:
+            static.add(row, step, information, weight=weight)
         else:
-            # On an object, patches of sightings overlap as those of the step do; here they do not.
-            static.add(row, step, tracked.information / tracked.sharing,
-                       weight=weight * tracked.sharing)
+            static.begin(row, X)
         current_bodies: dict[int, int] = {}
         for track, motion in estimate.objects.items():
             body = self._body_of_track.get(track)
