@@ -8,8 +8,11 @@ import numpy as np
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import Pinhole
+from slam.spread import sigma_of_lengths
 
 _CONFIDENCE = 0.999      # that one of the samples held no outlier
+_ROUNDS, _GATE = 4, 2.5  # of the refinement, on supporters within so many standard deviations
+_FEWEST = 6              # supporters that are refined on
 
 
 def resect(xyz_world: Array, uv_px: Array, camera: Pinhole, threshold_px: float, tries: int
@@ -30,12 +33,19 @@ def resect(xyz_world: Array, uv_px: Array, camera: Pinhole, threshold_px: float,
         reprojectionError=threshold_px, confidence=_CONFIDENCE, flags=cv2.SOLVEPNP_P3P)
     if not found or inliers is None:
         return None
-    # RANSAC ends with EPnP on all supporters, which far landmarks of noisy depth lead astray.
-    rotation, translation = cv2.solvePnPRefineLM(
-        xyz_world[inliers[:, 0]], uv_px[inliers[:, 0]], K, None, rotation, translation)
-    if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-        return None
+    supporters = inliers[:, 0]
+    for _ in range(_ROUNDS):
+        # RANSAC ends with EPnP on all supporters, which far landmarks of noisy depth lead astray,
+        # as a thing does that moves by less than the threshold.
+        rotation, translation = cv2.solvePnPRefineLM(
+            xyz_world[supporters], uv_px[supporters], K, None, rotation, translation)
+        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
+            return None
+        seen, _ = cv2.projectPoints(xyz_world, rotation, translation, K, None)
+        off = np.linalg.norm(seen[:, 0] - uv_px, axis=1)
+        gate = min(threshold_px, _GATE * sigma_of_lengths(off[supporters]))
+        supporters = np.flatnonzero(off <= gate)
+        if len(supporters) < _FEWEST:
+            break
     T_camera_world = se3.from_rotation_translation(se3.exp_so3(rotation[:, 0]), translation[:, 0])
-    fits = np.zeros(len(xyz_world), np.bool_)
-    fits[inliers[:, 0]] = True
-    return se3.inverse(T_camera_world), fits
+    return se3.inverse(T_camera_world), np.asarray(off <= threshold_px)

@@ -39,5 +39,12 @@ def test_noise_of_far_depths_does_not_lengthen_the_step(seed):
     assert T[2, 3] == pytest.approx(0.7, abs=0.06)
 
 
+def test_a_thing_that_moves_by_less_than_the_threshold_does_not_bend_the_pose():
+    uv, depth, there, _ = views(1, 400)
+    there[:120] += [1.2, 0.8]
+    T, _ = resect(back_project(CAMERA, uv, depth), there, CAMERA, 2.0, 300)
+    assert np.linalg.norm((se3.inverse(TRUE) @ T)[:3, 3]) < 0.02
+
+
 def test_too_little_gives_no_pose():
     assert resect(np.zeros((3, 3)), np.zeros((3, 2)), CAMERA, 2.0, 10) is None
