@@ -58,10 +58,12 @@ class OpenContexts:
         def counted(width: int, height: int) -> object:
             context = make(width, height)
             self.open += 1
-            free = context.free
+            free, alive = context.free, [context]
 
             def freed() -> None:
-                self.open -= 1
+                if alive:            # its destructor frees it once more
+                    alive.clear()
+                    self.open -= 1
                 free()
 
             context.free = freed

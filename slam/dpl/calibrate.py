@@ -29,6 +29,9 @@ _LEAST = 50              # points found again, from which an offset is read
 _TELLS = 1e-3            # 1/m: a pair of frames that knows it worse tells nothing,
 _REST = 10               # and so many frames are left out then
 _ENOUGH = 3e-5           # 1/m, standard deviation: a tenth of the least that is believed
+_COMMON_PX = 0.35        # that patches of a pair may all err by along the flow (shading, filtered
+                         # texture): an offset that moves points by less in a step is not told
+                         # from that
 _CHANGE = 2.0            # standard deviations by which what was learnt must differ from what is
                          # applied
 
@@ -50,6 +53,7 @@ class DepthCalibration:
         self.applied = 0.0               # 1/m, to all depths: of frames to come and of the map
         self._held: _Held | None = None
         self._rest = 0
+        self._pairs, self._way_m = 0, 0.0          # that told it, and how far they were apart
         self._align, self._motion = RefineConfig(), MotionConfig()
 
     def learn(self, picture: Picture, tracked: TrackedFrame) -> None:
@@ -64,8 +68,15 @@ class DepthCalibration:
         offset, sigma = self._offset_between(before, now)
         if sigma < _TELLS:
             self.learnt = self.learnt.observed(offset, sigma)
+            self.count_pair(float(np.linalg.norm(
+                now.T_world_camera[:3, 3] - before.T_world_camera[:3, 3])))
         else:
             self._rest = _REST
+
+    def count_pair(self, step_m: float) -> None:
+        """One more pair of frames that told the offset, and how far they were apart."""
+        self._pairs += 1
+        self._way_m += step_m
 
     def forget_frame(self) -> None:
         """The next frame does not follow the last one, or that one's depths have changed."""
@@ -73,6 +84,9 @@ class DepthCalibration:
 
     def due(self) -> float:
         """1/m, what is to be added to all depths so far; 0 where that would change little."""
+        shift_px = abs(self.learnt.mean) * self.camera.fx * self._way_m / max(self._pairs, 1)
+        if self.applied == 0.0 and shift_px < _COMMON_PX:
+            return 0.0
         more = self.learnt.value - self.applied
         return more if abs(more) > _CHANGE * self.learnt.sigma else 0.0
 

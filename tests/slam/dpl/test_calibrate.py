@@ -10,11 +10,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import box_world as bw
 import slam
+from slam.dpl.calibrate import DepthCalibration
 from slam.dpl.features import Features, no_lines, no_points
 from slam.dpl.keyframes import PointLineMap
 from slam.dpl.memory import LandmarkMemory
 from slam.dpl.recalibrate import recalibrate
-from slam.estimation.calibration import shifted_depth
+from slam.estimation.calibration import DepthOffset, shifted_depth
 from slam.geometry import se3
 from slam.geometry.camera import back_project, project
 from slam.systems.registry import default_config
@@ -72,6 +73,17 @@ def test_where_there_is_none_none_is_believed(drive):
     system, _ = run(drive[1], 0.0)
     assert system.calibration.learnt.information > 0.0
     assert system.calibration.applied == 0.0
+
+
+@pytest.mark.parametrize(("step_m", "told"), [(0.5, False), (3.0, True)])
+def test_what_all_patches_may_err_by_is_not_believed(step_m, told):
+    """0.001 1/m moves points by 0.085 px in a step of half a metre, by 0.51 px in one of three."""
+    calibration = DepthCalibration(CAMERA, default_config("dpl"))
+    calibration.learnt = DepthOffset().observed(0.001, 1e-5)
+    calibration.count_pair(step_m)
+    assert (calibration.due() > 0.0) == told
+    calibration.apply(0.0005)                      # believed once: it is followed from then on
+    assert calibration.due() == pytest.approx(0.0005)
 
 
 def test_a_setting_leaves_it_out(drive):
