@@ -124,10 +124,7 @@ def _whitened(r, root):  # type: ignore[no-untyped-def]
 def _product(root, J):  # type: ignore[no-untyped-def]
     out = np.zeros(J.shape)
     for k in range(len(J)):
-        for a in range(6):
-            for c in range(6):
-                for b in range(6):
-                    out[k, a, b] += root[k, a, c] * J[k, c, b]
+        _add_product(out[k], root[k], J[k], 1.0)      # a root is its own transpose
     return out
 
 

@@ -17,6 +17,7 @@ from slam.dpl.config import AnchorConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
 from slam.dpl.sightings import covariance_of, whitening_of
+from slam.estimation.calibration import shifted_inverse
 from slam.frontend.patches import fits
 from slam.frontend.refine import RefineConfig, RefinedMatches, refine_matches
 from slam.frontend.surface import carried, fit_surfaces
@@ -24,8 +25,6 @@ from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.spread import sigma_of_distances
 from slam.types import Intrinsics
-
-_LEAST_RHO = 1e-6        # 1/m
 
 
 class Anchors:
@@ -79,7 +78,7 @@ class Anchors:
 
     def shift(self, offset: float) -> None:
         """Add an offset, 1/m, to the inverse depths of all."""
-        self._rho[self.known] = np.maximum(self._rho[self.known] + offset, _LEAST_RHO)
+        self._rho[self.known] = shifted_inverse(self._rho[self.known], offset)
 
     def forget(self, rows: Array) -> None:
         """Rows that are other landmarks' now: these have no patch yet."""

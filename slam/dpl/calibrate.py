@@ -16,7 +16,7 @@ from slam.dpl.config import DplConfig
 from slam.dpl.features import KeyPoints
 from slam.dpl.picture import Picture
 from slam.dpl.track import TrackedFrame
-from slam.estimation.calibration import DepthOffset
+from slam.estimation.calibration import DepthOffset, shifted_inverse
 from slam.estimation.motion import NoiseScales, refine_motions
 from slam.frontend.refine import RefineConfig, refine_matches
 from slam.frontend.surface import carried, fit_surfaces
@@ -102,7 +102,7 @@ class DepthCalibration:
         """
         more = self.learnt.mean - self.applied
         points, slope = self._with_depth(before)
-        points = replace(points, rho_a=np.maximum(points.rho_a + more, 1e-6))
+        points = replace(points, rho_a=shifted_inverse(points.rho_a, more))
         T_a_b = se3.inverse(before.T_world_camera) @ now.T_world_camera
         found = self._found_again(points, slope, before.picture, T_a_b, now.picture)
         if len(found) < _LEAST:

@@ -9,11 +9,11 @@ from slam.dpl.config import DplConfig
 from slam.dpl.keyframes import PointLineMap
 from slam.dpl.landmarks import Landmarks
 from slam.dpl.memory import LandmarkMemory
+from slam.estimation.calibration import shifted_inverse
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.types import Intrinsics
 
-_LEAST_RHO = 1e-6        # 1/m
 _ITERATIONS = 10         # of the adjustment: all steps were too long, or too short
 
 
@@ -39,6 +39,6 @@ def _shift(table: Landmarks, T_world_camera: Array, offset: float) -> None:
     seen = se3.transform_points(se3.inverse(T), table.xyz)
     ahead = seen[:, :, 2] > 0
     rho = 1.0 / np.where(ahead, seen[:, :, 2], 1.0)
-    factor = np.where(ahead, rho / np.maximum(rho + offset, _LEAST_RHO), 1.0)
+    factor = np.where(ahead, rho / shifted_inverse(rho, offset), 1.0)
     table.xyz[:] = se3.transform_points(T, factor[:, :, None] * seen)
     table.distance[:] *= factor.mean(axis=1)

@@ -50,11 +50,15 @@ class DepthOffset:
         return self.mean if least < abs(self.mean) < _LARGEST else 0.0
 
 
+def shifted_inverse(rho: Array, offset: float) -> Array:
+    """Inverse depths with an offset, 1/m, added; what would lie behind the horizon is far."""
+    return np.maximum(rho + rho.dtype.type(offset), rho.dtype.type(_FARTHEST))
+
+
 def shifted_depth(depth_m: Array, offset: float) -> Array:
     """Depths, 0 where there is none, with an offset (1/m) added to the inverse of each."""
     if offset == 0.0:
         return depth_m
     known = depth_m > 0
     rho = np.divide(1.0, depth_m, out=np.ones_like(depth_m), where=known)
-    moved = np.maximum(rho + depth_m.dtype.type(offset), depth_m.dtype.type(_FARTHEST))
-    return np.where(known, 1.0 / moved, depth_m.dtype.type(0))
+    return np.where(known, 1.0 / shifted_inverse(rho, offset), depth_m.dtype.type(0))

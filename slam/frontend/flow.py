@@ -11,7 +11,12 @@ import numpy as np
 
 from slam.frontend.sampling import bilinear
 from slam.geometry.arrays import Array
-from slam.types import FlowField, Intrinsics
+from slam.types import FlowField, Frame, Intrinsics
+
+
+def given_flow(before: Frame, frame: Frame) -> FlowField | None:
+    """The flow that a frame brings, if it is from the frame before and not from one between."""
+    return frame.flow if frame.index == before.index + 1 else None
 
 
 class FlowEstimator(Protocol):

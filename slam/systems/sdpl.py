@@ -14,7 +14,7 @@ from slam.dynamics.objects import ObjectTable
 from slam.dynamics.sightings import sightings
 from slam.frontend.carry import carry_missed
 from slam.frontend.first_step import find_step
-from slam.frontend.flow import DisFlow, FlowEstimator, predicted_flow
+from slam.frontend.flow import DisFlow, FlowEstimator, given_flow, predicted_flow
 from slam.frontend.observe import Observation, observe
 from slam.frontend.picture import better_flow, flow_of_masks
 from slam.geometry import se3
@@ -133,7 +133,7 @@ class SdplSlam:
     def _flow(self, previous: Observation, current: Observation, expected: Array,
               clock: Stopwatch) -> FlowField:
         """The flow given with the frame, or our own, from the camera motion expected."""
-        given = _given_flow(previous, current)
+        given = given_flow(previous.frame, current.frame)
         if given is not None:
             flow = given
         elif self.config.flow.predict:
@@ -185,7 +185,7 @@ class SdplSlam:
 
     def _step_by_features(self, previous: Observation, current: Observation) -> Array:
         """The camera's step T_a_b (4, 4) where no motion goes on; flow that is given needs none."""
-        if _given_flow(previous, current) is not None:
+        if given_flow(previous.frame, current.frame) is not None:
             return np.eye(4)
         return find_step(previous, current, self.intrinsics)
 
@@ -221,9 +221,3 @@ class SdplSlam:
                            timings_ms=clock.laps_ms(),
                            reason="; ".join([*filter(None, [estimate.reason]), *new]))
         return self.history.amend(estimate)
-
-
-def _given_flow(previous: Observation, current: Observation) -> FlowField | None:
-    """The flow that the current frame brings, if it is from the previous one."""
-    follows = current.frame.index == previous.frame.index + 1
-    return current.frame.flow if follows else None

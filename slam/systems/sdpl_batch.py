@@ -17,7 +17,7 @@ from slam.backend.line_anchors import LineAnchors
 from slam.backend.refine_run import refine_run, run_of_record
 from slam.backend.window import SlidingWindow
 from slam.estimation.covariance import known_or_none, object_covariance
-from slam.frontend.flow import FlowEstimator
+from slam.frontend.flow import FlowEstimator, given_flow
 from slam.frontend.observe import Observation
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -130,11 +130,12 @@ class SdplBatch:
     def _measure_flow_errors(self, before: Observation | None, frame: Frame,
                              estimate: FrameEstimate) -> None:
         tracked = self._motions.last
-        if (before is None or tracked is None or estimate.status is not Status.TRACKED
-                or frame.flow is None or frame.index != before.frame.index + 1):
+        flow = None if before is None else given_flow(before.frame, frame)
+        if (before is None or tracked is None or flow is None
+                or estimate.status is not Status.TRACKED):
             self._flow_errors.interrupted()
             return
-        self._flow_errors.take_in(frame.flow, before, se3.inverse(tracked.T_a_b))
+        self._flow_errors.take_in(flow, before, se3.inverse(tracked.T_a_b))
         self.record.step_correlation = self._flow_errors.correlation
 
     def _record(self, row: int, current: Observation, estimate: FrameEstimate) -> None:
