@@ -18,7 +18,7 @@ from slam.estimation.kernel import robust
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.matches import LineMatches
-from slam.residuals import camera_tuple, is_pixel, line_row, line_terms
+from slam.residuals import LineTerms, camera_tuple, is_pixel, line_row, line_terms
 from slam.types import Intrinsics
 
 
@@ -30,23 +30,34 @@ class LineFamily:
         self.rays = pinhole.rays(camera, m.endpoints_a)
         self.whitening = np.zeros((len(m), 2, 2))
         self.depth_scale2: Array = np.ones(len(m))
+        self.flow_scale2 = 1.0
 
     def renew(self, T: Array) -> None:
         """Recompute the covariance S at T."""
-        t = line_terms(T, self.rays, self.m.rho_a, self.m.endpoints_b, self.camera,
-                       self.config.line_normalisation, self.m.group)
+        t = self._terms(T)
         self.whitening = _whitening_of_lines(
-            t.J_flow, t.J_rho, self.m.flow_sigma**2,
+            t.J_flow, t.J_rho, self.flow_scale2 * self.m.flow_sigma**2,
             self.m.rho_sigma_a**2 * self.depth_scale2[:, None], self.config.line_sigma_px**2)
+
+    def marginal(self, T: Array) -> tuple[Array, Array, Array]:
+        """Distances (L, 2) at T, their variances (L, 2) by the flow as stated, and by the rest."""
+        t, m = self._terms(T), self.m
+        flow = m.flow_sigma[:, None] ** 2 * np.sum(t.J_flow**2, axis=2)
+        depth = m.rho_sigma_a**2 * self.depth_scale2[:, None] * np.sum(t.J_rho**2, axis=2)
+        return t.r, flow, depth + self.config.line_sigma_px**2
+
+    def _terms(self, T: Array) -> LineTerms:
+        return line_terms(T, self.rays, self.m.rho_a, self.m.endpoints_b, self.camera,
+                          self.config.line_normalisation, self.m.group)
 
     def refined_endpoints_b(self, T: Array) -> Array:
         """(L, 2, 2) a + φ_a, b + φ_b with φ = φ̂ − Σ_φ J_φᵀ S⁻¹ e_l: the flows of eq. (3)."""
         if not self.config.optimise_flow:
             return np.array(self.m.endpoints_b)
-        t = line_terms(T, self.rays, self.m.rho_a, self.m.endpoints_b, self.camera,
-                       self.config.line_normalisation, self.m.group)
+        t = self._terms(T)
         pull = np.swapaxes(self.whitening, 1, 2) @ (self.whitening @ t.r[:, :, None])
-        moved = self.m.flow_sigma[:, None] ** 2 * np.einsum("lij,li->lj", t.J_flow, pull[:, :, 0])
+        variance = self.flow_scale2 * self.m.flow_sigma[:, None] ** 2
+        moved = variance * np.einsum("lij,li->lj", t.J_flow, pull[:, :, 0])
         return np.asarray(self.m.endpoints_b - moved.reshape(-1, 2, 2))
 
     def accumulate(self, T: Array, cost: Array, H: Array, g: Array,

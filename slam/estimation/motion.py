@@ -28,6 +28,7 @@ from slam.types import Intrinsics
 
 _SMALLEST_SCALE2 = 1e-8         # noise-free input must not make the systems singular
 _MIN_FOR_SCALE = 30            # features from which a noise scale may be read
+_LINE_PRIOR = 30               # distances of line ends that earlier frames' noise counts for
 _SAMPLE = 1000                 # points of a motion are enough for medians and first steps
 _TILES = (4, 8)                # rows and columns of tiles with a depth noise of their own
 _TILE_PRIOR = 6                # features that the whole image's noise counts for in a tile
@@ -44,6 +45,7 @@ class Motions:
     point_chi: Array          # (N,) whitened length of each point's residual (3 rows, or 2)
     line_chi: Array           # (L,) the same of each line (2 rows)
     flow_scale: Array         # (G, kinds) measured over assumed standard deviation of the flow
+    line_scale: float         # the same of the lines'
     depth_scale: float        # the same of the inverse depths
     clustering: float         # of the camera's errors, as slam.estimation.covariance has it
     points: PointFamily       # as they were left, for what was eliminated
@@ -70,6 +72,7 @@ class NoiseScales:
     """Measured over assumed standard deviations: where the next frame starts."""
 
     flow: Array               # (kinds,)
+    lines: float = 1.0
     depth: float = 1.0
     clustering: float = 1.0   # of variances: near features err alike
     common_depth: float = 2e-4   # 1/m, what a part's inverse depths err by together: stereo
@@ -133,7 +136,7 @@ class _Problem:
         self.points = PointFamily(points, camera, config)
         self.lines = LineFamily(lines, camera, config)
         self.flow_scale2 = np.repeat(np.asarray(scales.flow)[None] ** 2, groups, axis=0)
-        self.depth_scale2 = scales.depth**2
+        self.line_scale2, self.depth_scale2 = scales.lines**2, scales.depth**2
         # Depth is good on a road and bad in a tree: its noise is measured tile by tile.
         self.camera = camera
         self.point_tile = tiles(points.uv_a, points.group, camera, _TILES)
@@ -147,6 +150,7 @@ class _Problem:
         self.points.flow_scale2 = self.flow_scale2[m.group, m.kind]
         self.points.depth_scale2 = self.tile_scale2[self.point_tile]
         self.lines.depth_scale2 = self.tile_scale2[self.line_tile]
+        self.lines.flow_scale2 = self.line_scale2
         self.points.renew(T)
         self.lines.renew(T)
 
@@ -162,9 +166,11 @@ class _Problem:
         return system
 
     def measure_noise(self, T: Array) -> None:
-        """Scale the assumed noise to the residuals: flow by group and kind, depth by all."""
+        """Scale the assumed noise to the residuals: points' flow by group and kind, depth and
+        lines' flow by all."""
         r, j = self.points.marginal(T, self.sample)
         self._measure_flow_noise(r, j)
+        self._measure_line_noise(T)
         self._measure_depth_noise(r, j)
 
     def _measure_flow_noise(self, r: Array, j: Array) -> None:
@@ -179,14 +185,22 @@ class _Problem:
         ratio, count = _grouped_median(ratio, class_of, len(now2))
         flow, _ = _grouped_median(flow_part, class_of, len(now2))
         depth, _ = _grouped_median(depth_part, class_of, len(now2))
-        ratio /= MEDIAN_CHI2_1
-        scale2 = (ratio * (now2 * flow + depth) - depth) / np.where(count > 0, flow, 1.0)
-        scale2 = np.maximum(scale2, np.maximum(0.01 * now2 * np.minimum(ratio, 1.0),
-                                               _SMALLEST_SCALE2))
+        scale2 = _rescaled(now2, ratio / MEDIAN_CHI2_1, np.where(count > 0, flow, 1.0), depth)
         measured = (count >= 2 * _MIN_FOR_SCALE).reshape(-1, kinds)
         scale2 = np.where(measured, scale2.reshape(-1, kinds), self.flow_scale2)
         # Too few to tell: the static world's flow has the same source.
         self.flow_scale2 = np.where(measured, scale2, scale2[0])
+
+    def _measure_line_noise(self, T: Array) -> None:
+        """The same of lines: few, so that earlier frames' noise counts beside this one's."""
+        own = self.lines.m.group == 0
+        if not own.any():
+            return
+        now2 = np.asarray(self.line_scale2)
+        r, flow, rest = (each[own].ravel() for each in self.lines.marginal(T))
+        ratio = np.median(r**2 / (now2 * flow + rest)) / MEDIAN_CHI2_1
+        scale2 = _rescaled(now2, ratio, np.median(flow), np.median(rest))
+        self.line_scale2 = float((len(r) * scale2 + _LINE_PRIOR * now2) / (len(r) + _LINE_PRIOR))
 
     def _measure_depth_noise(self, r: Array, j: Array) -> None:
         """How far the eliminated depths moved, over what their noise allows: by tile and in all."""
@@ -218,7 +232,8 @@ class _Problem:
                                      _PARTS))
         effect = self._kernel_effect(point_chi, line_chi)
         return Motions(T, information * effect.efficiency[:, None, None], point_chi, line_chi,
-                       np.sqrt(self.flow_scale2), float(np.sqrt(self.depth_scale2)),
+                       np.sqrt(self.flow_scale2), float(np.sqrt(self.line_scale2)),
+                       float(np.sqrt(self.depth_scale2)),
                        clustering(H[:parts], g[:parts] / np.sqrt(effect.score[0])),
                        self.points, self.lines)
 
@@ -229,6 +244,13 @@ class _Problem:
         return kernel_effect(np.r_[point_chi, line_chi] ** 2, rows,
                              np.r_[m.group, self.lines.m.group], self.groups,
                              config.kernel == "huber", config.kernel_width)
+
+
+def _rescaled(now2: Array, ratio: Array, flow: Array, rest: Array) -> Array:
+    """Scales s² of variances with s² flow + rest = ratio · (now2 flow + rest), as far as s² > 0."""
+    scale2 = (ratio * (now2 * flow + rest) - rest) / flow
+    floor = np.maximum(0.01 * now2 * np.minimum(ratio, 1.0), _SMALLEST_SCALE2)
+    return np.asarray(np.maximum(scale2, floor))
 
 
 def _evenly_spread(group: Array, kind: Array) -> Array:

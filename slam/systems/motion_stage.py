@@ -197,6 +197,7 @@ class MotionStage:
             self.scales = NoiseScales(
                 np.where(present, keep * self.scales.flow + (1 - keep) * measured,
                          self.scales.flow),
+                keep * self.scales.lines + (1 - keep) * motions.line_scale,
                 keep * self.scales.depth + (1 - keep) * motions.depth_scale,
                 keep * self.scales.clustering + (1 - keep) * motions.clustering,
                 self.scales.common_depth if np.isnan(common)

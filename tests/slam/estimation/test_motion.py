@@ -117,7 +117,8 @@ def measured_over_frames(T, points, frames=4):
     scales = ONE
     for _ in range(frames):
         found = refine_motions(T, points, no_lines(), CAMERA, MotionConfig(), scales)
-        scales = NoiseScales(np.r_[np.diag(found.flow_scale[:, :2]), 1.0, 1.0], found.depth_scale)
+        scales = NoiseScales(np.r_[np.diag(found.flow_scale[:, :2]), 1.0, 1.0], found.line_scale,
+                             found.depth_scale)
     return scales
 
 
@@ -135,6 +136,20 @@ def test_the_depth_noise_is_measured_from_the_residuals(true_sigma, assumed_sigm
     scales = measured_over_frames(T, points)
     assert scales.depth == pytest.approx(true_sigma / assumed_sigma, rel=0.12)
     assert_allclose(scales.flow[:2], 1.0, rtol=0.15)
+
+
+@pytest.mark.parametrize("true_over_stated", [0.4, 3.0])
+def test_the_noise_of_lines_is_measured_from_their_residuals(true_over_stated):
+    rng = np.random.default_rng(17)
+    T = some_motion(rng)
+    lines = random_lines(rng, T, 150, flow_sigma=0.3 * true_over_stated)
+    lines = replace(lines, flow_sigma=np.full(150, 0.3))
+    scales = ONE
+    for _ in range(4):     # frames
+        found = refine_motions(T[None], random_points(rng, T, 500), lines, CAMERA,
+                               MotionConfig(line_sigma_px=1e-3), scales)
+        scales = replace(scales, lines=found.line_scale)
+    assert scales.lines == pytest.approx(true_over_stated, rel=0.15)
 
 
 def test_noise_of_two_groups_is_told_apart():
