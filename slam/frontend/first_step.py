@@ -46,6 +46,8 @@ def find_step(a: Observation, b: Observation, camera: Intrinsics) -> Array:
 
 def _alike(a: Observation, b: Observation) -> tuple[Array, Array]:
     """Pixels (N, 2) of both pictures, off their masks, whose ORB descriptors match."""
+    if min(a.gray.shape) <= 2 * _BORDER_PX:   # all border; OpenCV raises where there is no pyramid
+        return np.zeros((0, 2)), np.zeros((0, 2))
     orb = cv2.ORB_create(_FEATURES, edgeThreshold=_BORDER_PX, fastThreshold=_FAST_THRESHOLD)
     (at_a, words_a), (at_b, words_b) = (
         orb.detectAndCompute(each.gray, (each.label_index == 0).astype(np.uint8))

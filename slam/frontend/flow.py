@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Literal, Protocol
 
@@ -34,7 +35,11 @@ class FlowEstimator(Protocol):
 
 
 class DisFlow:
-    """Dense inverse search (Kroeger et al. 2016) by OpenCV."""
+    """Dense inverse search (Kroeger et al. 2016) by OpenCV.
+
+    Pictures that are too small for the preset's coarsest scale are continued by their last rows
+    and columns: OpenCV would choose other scales for them, for good, or raise, or crash.
+    """
 
     def __init__(self, preset: Literal["ultrafast", "fast", "medium"] = "medium") -> None:
         presets = {"ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -43,17 +48,35 @@ class DisFlow:
         if preset not in presets:
             raise ValueError(f"no DIS preset {preset!r}; there are {', '.join(presets)}")
         self._dis = cv2.DISOpticalFlow_create(presets[preset])
+        patch, scale = self._dis.getPatchSize(), 2.0 ** self._dis.getFinestScale()
+        self._short_px = math.ceil(patch * scale)
+        self._long_px = math.ceil(4 * patch * scale / math.sqrt(2))   # OpenCV rounds its log
 
     def __call__(self, previous_gray: Array, current_gray: Array,
                  predicted_px: Array | None = None) -> FlowField:
         """Flow on the previous image's pixels; with a prediction only the rest is estimated."""
         if predicted_px is None:
-            return FlowField(self._dis.calc(previous_gray, current_gray, None))
+            return FlowField(self._estimate(previous_gray, current_gray))
         back_warped, landed = warp_back(current_gray, predicted_px)
-        rest = self._dis.calc(previous_gray, back_warped, None)
+        rest = self._estimate(previous_gray, back_warped)
         # Where the prediction leaves the image nothing was there to be estimated.
         rest[~landed] = 0.0
         return FlowField(predicted_px + rest)
+
+    def _estimate(self, previous: Array, current: Array) -> Array:
+        height, width = previous.shape
+        missing = [max(0, least - side)
+                   for side, least in zip((height, width), self._least(height, width), strict=True)]
+        if not any(missing):
+            return np.asarray(self._dis.calc(previous, current, None))
+        padded = (cv2.copyMakeBorder(image, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
+                  for image in (previous, current))
+        return np.ascontiguousarray(self._dis.calc(*padded, None)[:height, :width])
+
+    def _least(self, height: int, width: int) -> tuple[int, int]:
+        """The smallest height and width that the preset's scales can be made of."""
+        return ((self._long_px, self._short_px) if height > width
+                else (self._short_px, self._long_px))
 
 
 def warp_back(current: Array, flow_px: Array) -> tuple[Array, Array]:

@@ -33,9 +33,11 @@ def surface_image(depth_m: Array, instance_id: Array | None = None) -> Array:
 
 def patch_support(surface: Array, uv_px: Array, radius: int) -> Array:
     """(P, N) bool: which pixels of the patches lie on the surface of the patch's centre."""
-    whole = np.rint(uv_px).astype(np.intp)
     side = 2 * radius + 1
+    if len(uv_px) == 0:     # as of a picture that is smaller than a patch
+        return np.zeros((side * side, 0), np.bool_)
+    whole = np.rint(uv_px).astype(np.intp)
     windows = np.lib.stride_tricks.sliding_window_view(surface, (side, side))
     cut = np.ascontiguousarray(windows[whole[:, 1] - radius, whole[:, 0] - radius]
-                               .reshape(len(uv_px), -1).T)
+                               .reshape(len(uv_px), side * side).T)
     return np.asarray(np.abs(cut - cut[len(cut) // 2]) <= SAME_SURFACE)

@@ -54,6 +54,34 @@ def test_dis_does_not_depend_on_threads():
     assert_array_equal(one, two)
 
 
+@pytest.mark.parametrize("preset", ["ultrafast", "fast", "medium"])
+@pytest.mark.parametrize("size", [(1, 1), (11, 11), (15, 46), (12, 640), (20, 1000), (1000, 7)])
+def test_dis_takes_pictures_too_small_for_its_scales(preset, size):
+    picture_of = np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8)
+    flow = DisFlow(preset)
+    still = flow(picture_of, picture_of, np.zeros((*size, 2), np.float32))
+    assert still.flow_px.shape == (*size, 2)
+    assert_allclose(flow(picture_of, picture_of).flow_px, 0.0, atol=0.02)
+
+
+def test_small_pictures_leave_the_others_as_opencv_has_them():
+    previous, current = picture(), picture(shift=(3.3, -1.6))
+    flow = DisFlow("medium")
+    flow(previous[:9, :9], current[:9, :9])
+    usual = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    for height, width in ((160, 200), (16, 46), (46, 16)):
+        before, after = (np.ascontiguousarray(image[:height, :width])
+                         for image in (previous, current))
+        assert_array_equal(flow(before, after).flow_px, usual.calc(before, after, None))
+
+
+def test_dis_finds_the_shift_of_a_small_picture():
+    """What is seen of 40 x 11 pixels moves as the whole picture does."""
+    small = [image[40:51, 40:80] for image in (picture(), picture(shift=(1.3, -0.6)))]
+    found = DisFlow("medium")(*map(np.ascontiguousarray, small)).flow_px
+    assert np.linalg.norm(np.median(found[2:-2, 4:-4], axis=(0, 1)) - [1.3, -0.6]) < 0.3
+
+
 def test_unknown_preset():
     with pytest.raises(ValueError, match="there are ultrafast, fast, medium"):
         DisFlow("slow")

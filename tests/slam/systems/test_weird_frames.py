@@ -224,3 +224,16 @@ def test_images_of_any_size_are_tracked(width, height):
         if with_flow:
             assert all(e.status == Status.TRACKED for e in estimates[1:])
             assert bw.camera_errors(camera, estimates)[0].max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["sdpl", "sdpl-batch", "dpl"])
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (8, 8), (11, 40), (40, 11), (400, 20)])
+def test_images_too_small_to_be_tracked_are_answered(name, width, height):
+    intrinsics = Intrinsics(0.9 * width, 0.9 * width, (width - 1) / 2, (height - 1) / 2, width,
+                            height)
+    frames = bw.sequence(bw.hand_held(4), {}, intrinsics, with_flow=False)
+    system = slam.make(name, intrinsics)
+    estimates = [system.process(f) for f in frames]
+    assert all(np.isfinite(e.T_world_camera).all() for e in estimates)
+    assert all(e.reason for e in estimates if e.status == Status.LOST)
+    assert len(system.finish().stamps_s) == len(frames)
