@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,7 +18,7 @@ from simbench.errors import BadFile, UserError
 from simbench.storage import TEMPORARY, write_bytes, write_json
 from simbench.suites.jobs import Run, Task
 from simbench.suites.spec import Suite
-from simbench.suites.work import TaskResult
+from simbench.suites.work import TaskResult, asked_of
 from simbench.untrusted import read_json_object
 
 SUITE, RECORDS, RUNS = "suite.json", "records", "runs"
@@ -29,14 +30,16 @@ class SuiteFolder:
 
     def __init__(self, out: Path) -> None:
         self.out = out
+        self._done: dict[str, dict[str, Any]] | None = None
 
-    def claim(self, suite: Suite, resume: bool) -> None:
+    def claim(self, suite: Suite, runs: Iterable[Run], resume: bool) -> None:
         """Make the folder ours.
 
-        Systems and seeds may be added when a suite is resumed; what was done stays.
+        Systems, seeds and cases may be added when a suite is resumed; what was done stays.
 
         Raises:
-            UserError: the folder holds something else, or was begun with another suite.
+            UserError: the folder holds something else, or was begun with another suite, or holds
+                one of the runs done otherwise.
         """
         if self.out.exists() and not self.out.is_dir():
             raise UserError(f"{self.out}: is a file, not a folder; choose another --out")
@@ -50,6 +53,7 @@ class SuiteFolder:
                 raise UserError(f"{self.out}: suite {begun.get('name')!r} version "
                                 f"{begun.get('version')!r} was begun here, not {suite.name!r} "
                                 f"version {suite.version}; choose another --out")
+            self.refuse_others(runs)
         (self.out / RECORDS).mkdir(parents=True, exist_ok=True)
         write_json(self.out / SUITE, {"schema": SCHEMA, **suite.as_json()})
 
@@ -58,13 +62,27 @@ class SuiteFolder:
         left = {path.name for path in self.out.iterdir()} - {SUITE + TEMPORARY}
         return left <= {RECORDS} and not any((self.out / RECORDS).glob("*"))
 
+    def refuse_others(self, runs: Iterable[Run]) -> None:
+        """A run's folder is that of its record, and is never written over by another's.
+
+        Raises:
+            UserError: what a run was done for in this folder is not what is asked for now.
+        """
+        if self._done is None:
+            records = (_whole_record(path) for path in (self.out / RECORDS).glob("*.json"))
+            self._done = {head["folder"]: head for record in records if record is not None
+                          for head in [record["record"]]}
+        for run in runs:
+            done = self._done.get(run.folder)
+            if done is not None and done["key"] != run.key:
+                raise UserError(f"{self.out / run.folder}: was done {_otherwise(done, run)}; "
+                                "choose another --out, or ask for what was asked for there")
+
     def record_of(self, run: Run) -> dict[str, Any] | None:
-        """The record of a run that is done, or None. A broken record counts as none."""
-        try:
-            found = read_json_object(self.out / RECORDS / f"{run.key}.json", "run it again")
-        except BadFile:
-            return None
-        return found if {"record", "timing", "meaning"} <= found.keys() else None
+        """The record of a run that is done, or None. One that is broken, or whose folder is gone,
+        counts as none."""
+        found = _whole_record(self.out / RECORDS / f"{run.key}.json")
+        return found if (self.out / run.folder).is_dir() else None
 
     def keep(self, task: Task, result: TaskResult) -> None:
         """Write the runs of a task: the files of each, then its record."""
@@ -78,7 +96,34 @@ class SuiteFolder:
             write_json(self.out / RECORDS / f"{run.key}.json",
                        {"record": each.record, "timing": each.timing, "meaning": result.meaning})
 
+            if self._done is not None:
+                self._done[run.folder] = each.record
+
     @staticmethod
     def _same(task: Task, result: TaskResult) -> Iterable[Run]:
         by_key = {run.key: run for run in task.runs}
         return [by_key[each.key] for each in result.runs]
+
+
+def _whole_record(path: Path) -> dict[str, Any] | None:
+    try:
+        found = read_json_object(path, "run it again")
+    except BadFile:
+        return None
+    head = found.get("record")
+    whole = {"timing", "meaning"} <= found.keys() and isinstance(head, dict) \
+        and {"key", "folder", "asked"} <= head.keys()
+    return found if whole else None
+
+
+def _otherwise(done: dict[str, Any], run: Run) -> str:
+    """How what was asked of a run that is done differs: "with frames 12, not 15"."""
+    before, now = done["asked"], json.loads(json.dumps(asked_of(run)))
+    for name in sorted(before.keys() | now.keys()):
+        if before.get(name) != now.get(name):
+            return f"with {name} {_shown(before.get(name))}, not {_shown(now.get(name))}"
+    return "with other versions of the libraries, or on another folder of this name"
+
+
+def _shown(value: Any) -> str:
+    return "left out" if value is None else json.dumps(value)

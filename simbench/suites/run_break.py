@@ -44,12 +44,13 @@ def run_break(suite: Suite, dial: str, limit: Limit, out: Path, where: Where, *,
     found_dial, first, last = ends_of(suite.cases[0].scene, dial, start, end)
     check_names(suite)
     folder = SuiteFolder(out)
-    folder.claim(suite, resume)
+    folder.claim(suite, runs_of(swept(suite, dial, (first, last))), resume)
     done: dict[str, Mapping[str, Any]] = {}
     runs: list[Run] = []
 
     def values_at(system: str, value: float) -> Array:
         cell = runs_of(replace(swept(suite, dial, (value,)), systems=(system,)))
+        folder.refuse_others(cell)
         runs.extend(cell)
         done.update(finished(cell, folder, where, lambda _: None))
         on_run(len(done))

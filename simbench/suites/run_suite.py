@@ -9,11 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simbench.errors import UnknownName
+from simbench.errors import UnknownName, UserError
+from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.program import PREFIX, UNLIMITED, Limits, words_of
 from simbench.report.suite_page import render_suite
 from simbench.scene import find_scene
+from simbench.sequence import open_sequence
 from simbench.storage import write_bytes, write_json
 from simbench.suites.folder import SuiteFolder
 from simbench.suites.jobs import Run, Task, runs_of, tasks_of
@@ -54,13 +56,16 @@ def run_suite(suite: Suite, out: Path, where: Where, *, resume: bool = False,
     Returns:
         results.json.
     Raises:
-        UserError: an unknown scene, dial, system or input, or the folder is something else's.
+        UserError: an unknown scene, recording, dial, system or input, or the folder is something
+            else's.
         OSError: the folder cannot be written.
     """
     check_names(suite)
+    if not where.dask:      # a cluster's workers may have recordings where we have none
+        check_recordings(suite)
     folder = SuiteFolder(out)
-    folder.claim(suite, resume)
     runs = runs_of(suite)
+    folder.claim(suite, runs, resume)
     found = finished(runs, folder, where, on_run)
     results = results_of(suite, runs, found, resolution)
     write_json(out / "timing.json", {run.folder: found[run.key]["timing"] for run in runs})
@@ -101,6 +106,19 @@ def _with_report(runs: list[Run], which: str) -> frozenset[str]:
         first = min((run.seed for run in runs), default=0)
         return frozenset(run.key for run in runs if run.seed == first)
     return frozenset(run.key for run in runs) if which == "all" else frozenset()
+
+
+def check_recordings(suite: Suite) -> None:
+    """Raises UserError where a case names a folder that is no sequence, or lacks what it wants."""
+    for case in suite.cases:
+        if not case.folder:
+            continue
+        try:
+            sequence = open_sequence(case.folder, case.calibration or None)
+            for point in case.points():
+                Feed(sequence, case.at(point).choice())
+        except UserError as error:
+            raise UserError(f"case {case.name}: {error}") from None
 
 
 def check_names(suite: Suite) -> None:

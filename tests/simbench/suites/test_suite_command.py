@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from browser import opened
+from folders import tum_folder
 from simbench.cli import main
 from tiny_suite import SUITE
 
@@ -101,6 +102,65 @@ def test_a_suite_that_was_cut_short_resumes_to_the_same_bytes(suite, tmp_path, c
         for name in ("trajectory.txt", "object_motions.txt"):
             one, other = (place / run["folder"] / name for place in (out, again))
             assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_run_done_otherwise_is_not_written_over(suite, tmp_path, capsys, in_this_process):
+    path, out = suite
+    again = tmp_path / "again"
+    shutil.copytree(out, again)
+    command = ["suite", str(path), "--reports", "none", "--resume", "--out", str(again)]
+    folder = "runs/boxes/texture=1/sdpl/seed0"
+    for options, what in (("--frames 3", "with frames 4, not 3"),
+                          ("--size 64x48", "with size [96, 72], not [64, 48]")):
+        assert main([*command, *options.split()]) == 2
+        error = capsys.readouterr().err
+        assert f"{again / folder}: was done {what}; choose another --out" in error
+        assert error.count("\n") == 1
+    path.with_name("noisy.yaml").write_text(SUITE.replace("gaussian", "kinect"))
+    assert main([*command[:1], str(path.with_name("noisy.yaml")), *command[2:]]) == 2
+    assert 'with input sensor "gaussian", not "kinect"' in capsys.readouterr().err
+    for file in (out / "suite.json", *out.glob("records/*"), *out.glob("runs/**/trajectory.txt")):
+        assert (again / file.relative_to(out)).read_bytes() == file.read_bytes()
+
+
+def test_a_run_whose_folder_is_gone_is_done_again(suite, tmp_path, in_this_process):
+    path, out = suite
+    again = tmp_path / "again"
+    shutil.copytree(out, again)
+    lost = again / "runs/boxes/texture=1/sdpl/seed0"
+    shutil.rmtree(lost)
+    assert main(["suite", str(path), "--reports", "none", "--resume", "--out", str(again)]) == 0
+    assert (lost / "trajectory.txt").read_bytes() == (
+        out / lost.relative_to(again) / "trajectory.txt").read_bytes()
+
+
+RECORDED = """
+schema: 1
+name: recorded
+systems: [sdpl]
+seeds: 0-0
+cases:
+  street: {folder: FOLDER, frames: 2, masks: MASKS}
+"""
+
+
+@pytest.mark.parametrize(("folder", "masks", "message"), [
+    ("gone", "given", "case street: gone: no such folder; give the folder of a sequence"),
+    ("bare", "given", "case street: bare: no calibration"),
+    ("tum", "truth", "case street: --masks truth: tum has no true masks"),
+])
+def test_a_recording_that_cannot_be_run_is_named_before_anything_is(
+        tmp_path, monkeypatch, capsys, folder, masks, message):
+    monkeypatch.chdir(tmp_path)
+    tum_folder(tmp_path / "bare", calibration=None)
+    tum_folder(tmp_path / "tum")
+    (tmp_path / "recorded.yaml").write_text(
+        RECORDED.replace("FOLDER", folder).replace("MASKS", masks))
+    assert main(["suite", "recorded.yaml", "--out", "out"]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_system_that_loses_its_runs_is_shown_and_exits_with_1(suite, tmp_path, capsys,
