@@ -5,11 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from simbench.loop_cache import find_place as _find_place
-
-_find_place()      # before numba is imported, by the very next line
-
-from simbench.envs import register_envs as _register_envs  # noqa: E402
+import slam as _slam  # noqa: F401 (first: it finds a place for compiled loops before numba looks)
+from simbench.envs import register_envs as _register_envs
 
 if TYPE_CHECKING:
     import simbench.wrappers as wrappers  # noqa: PLR0402 (of itself it cannot import from)

@@ -10,14 +10,13 @@ import logging
 import os
 import stat
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 VARIABLE = "NUMBA_CACHE_DIR"
-_PACKAGES = tuple(Path(__file__).resolve().parent.parent / name for name in ("simbench", "slam"))
+_PACKAGE = Path(__file__).resolve().parent     # simbench is installed beside it
 
 
-def find_place(packages: Sequence[Path] = _PACKAGES) -> None:
+def find_place(package: Path = _PACKAGE) -> None:
     """Say where compiled loops go, in NUMBA_CACHE_DIR, where numba would find no place itself.
 
     A line of the log tells it. Must be called before numba is imported; processes that are started
@@ -25,7 +24,7 @@ def find_place(packages: Sequence[Path] = _PACKAGES) -> None:
     error follows.
     """
     if os.environ.get(VARIABLE) or _writable(_users_cache()) \
-            or all(_writable(package / "__pycache__") for package in packages):
+            or _writable(package / "__pycache__"):
         return
     try:
         folder = _temporary()
@@ -33,7 +32,7 @@ def find_place(packages: Sequence[Path] = _PACKAGES) -> None:
         return
     os.environ[VARIABLE] = str(folder)
     logging.getLogger(__name__).warning(
-        "compiled loops are kept in %s: neither simbench's own folder nor the user's cache may be "
+        "compiled loops are kept in %s: neither the installation nor the user's cache may be "
         "written; set %s to keep them elsewhere", folder, VARIABLE)
 
 
