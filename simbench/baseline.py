@@ -82,6 +82,9 @@ def outcome_of(place: Path) -> Baseline:
         raise BadFile(f"{place}: this suite is not finished; finish it with --resume")
     if not place.is_dir():
         raise BadFile(f"{place}: no such folder; give the folder of a run or a suite")
+    if not (place / "metrics.json").is_file():
+        raise BadFile(f"{place}: holds neither a run nor a suite (metrics.json, results.json); "
+                      "give the folder that one of them was written to")
     return _of_run(place)
 
 

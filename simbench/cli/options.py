@@ -50,8 +50,8 @@ Cache = Annotated[str, typer.Option(
 Reports = Annotated[str, typer.Option(
     "--reports", help="Which runs get a report.html: of the first seed, all or none.")]
 Resume = Annotated[bool, typer.Option(
-    "--resume", help="Go on where a killed suite stopped; of a table, or add another one of the "
-                     "same suite.")]
+    "--resume", help="Go on in a folder that was begun: where it was killed, or with more systems, "
+                     "seeds or cases (or another table of the same suite).")]
 TimeLimit = Annotated[float | None, typer.Option(
     "--time-limit", min=0.1, metavar="SECONDS",
     help="End a command:\"program …\" that takes longer; the run is lost.")]

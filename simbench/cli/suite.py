@@ -15,7 +15,6 @@ from simbench.cli.options import (
     Reports,
     Resume,
     Seeds,
-    Size,
     Systems,
     TimeLimit,
     parse_dials,
@@ -39,7 +38,10 @@ def suite_command(
         resume: Resume = False,
         frames: Annotated[int | None, typer.Option(
             "--frames", min=1, help="Only so many frames of each sequence.")] = None,
-        size: Size = None, cache: Cache = "", reports: Reports = "first",
+        size: Annotated[str | None, typer.Option(
+            "--size", metavar="WxH",
+            help="Another image size than the suite's, as 640x480.")] = None,
+        cache: Cache = "", reports: Reports = "first",
         resolution: Annotated[float, typer.Option(
             "--resolution", min=0.1, metavar="PERCENT",
             help="Of a mean; for which the page tells how many seeds are needed.")] = 5.0,

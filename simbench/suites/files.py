@@ -54,9 +54,14 @@ def load_suite(name: str) -> Suite:
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"; did you mean {close[0]!r}? There" if close else "; there"
-        raise UnknownName(f"no suite {name!r}{hint} are {', '.join(known)}; or give the path of "
-                          "a YAML file")
+        raise UnknownName(f"no suite {name!r}{hint} are {', '.join(known)}, as `simbench list "
+                          "NAME` shows them; or give the path of a YAML file")
     return read_suite(Path(str(_builtin() / f"{name}.yaml")))
+
+
+def suite_text(name: str) -> str:
+    """The file of one of the package's suites."""
+    return str((_builtin() / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
 def read_suite(path: Path) -> Suite:

@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
 
 from simbench import cli
 from simbench.cli import main, view
@@ -172,3 +173,16 @@ def test_sizes_and_dials_are_parsed():
     with pytest.raises(UserError, match="given twice"):
         collect_dials(["texture=1"], 0.5, None)
     assert collect_dials(["people=sitting"], None, None) == {"people": "sitting"}
+
+
+def test_one_name_is_shown_alone_and_a_suite_as_its_file(capsys):
+    assert main(["list", "Office-v0"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("  Office-v0")
+    assert "--dial camera_motion=xyz" in shown
+    assert "Street-v0" not in shown
+    assert main(["list", "smoke"]) == 0
+    text = capsys.readouterr().out
+    assert yaml.safe_load(text)["cases"]["street"] == {"scene": "Street-v0", "flow": "noisy"}
+    assert main(["list", "Ofice-v0"]) == 2
+    assert "did you mean 'Office-v0'? `simbench list` shows all" in capsys.readouterr().err

@@ -196,3 +196,4 @@ def test_bless_and_gate_as_typed(project, tmp_path, capsys):
     assert "WORSE: camera.E_t" in out
     assert "gate failed: 1 of" in out
     assert main(["gate", str(tmp_path), "--baseline", str(baseline)]) == 2
+    assert "holds neither a run nor a suite" in capsys.readouterr().err
