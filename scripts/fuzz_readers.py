@@ -36,7 +36,12 @@ from simbench.ply import ply_text, read_ply
 from simbench.run_folder import metrics_text, read_metrics
 from simbench.run_source import read_source
 from simbench.sequence import open_sequence
+from simbench.storage import write_json
 from simbench.suites.files import read_suite
+from simbench.suites.folder import SuiteFolder
+from simbench.suites.jobs import runs_of, tasks_of
+from simbench.suites.spec import Case, Suite
+from simbench.suites.work import RunResult, TaskResult, asked_of
 from simbench.trajectory_files import kitti_lines, read_kitti_poses, tum_lines
 
 MOST_GROWTH_MB = 200
@@ -246,7 +251,11 @@ def _other_targets(folder: Path, T: np.ndarray) -> list[Target]:
     def at(name: str, read: Callable[[Path], object]) -> Target:
         return Target(name, folder / name, lambda: read(folder / name))
 
+    suite = _finished_suite(folder / "suite")
     return [
+        Target("suite/results.json", suite.out / "results.json", lambda: outcome_of(suite.out)),
+        Target("suite/records/…", next(suite.out.glob("records/*")),
+               lambda: SuiteFolder(suite.out).refuse_others(())),
         Target("run/metrics.json", run / "metrics.json",
                lambda: (read_metrics(run), outcome_of(run))),
         Target("run/config.yaml", run / "config.yaml", lambda: (outcome_of(run), read_source(run))),
@@ -257,6 +266,23 @@ def _other_targets(folder: Path, T: np.ndarray) -> list[Target]:
         at("objects.txt", lambda path: read_motions(path, stamps_s, camera)),
         at("map.ply", read_ply), at("baseline.json", read_baseline),
         at("suite.yaml", read_suite)]
+
+
+def _finished_suite(out: Path) -> SuiteFolder:
+    """The folder of a suite of one run, with what is read of it again."""
+    suite = Suite("mine", 1, "", (Case("a", "SwingingBoxes-v0", frames=2),), ("sdpl",), (0,),
+                  ("camera.E_t",))
+    run, = runs_of(suite)
+    record = {"key": run.key, "case": run.case, "point": {}, "system": "sdpl", "seed": 0,
+              "folder": run.folder, "asked": asked_of(run), "status": "done", "frames": 2,
+              "lost_frames": 0, "sequence": {"given_sha256": "0" * 64},
+              "metrics": {"camera.E_t": 0.1, "camera.coverage": 1.0}}
+    folder = SuiteFolder(out)
+    folder.claim(suite, (run,), resume=False)
+    folder.keep(tasks_of([run])[0], TaskResult((RunResult(run.key, "done", "", False, record, {},
+                                                          {}),), {}))
+    write_json(out / "results.json", {"suite": suite.as_json(), "runs": [record]})
+    return folder
 
 
 if __name__ == "__main__":

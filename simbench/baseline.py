@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -126,18 +126,24 @@ def _run(value: Mapping[str, Any]) -> BlessedRun:
 
 
 def _of_suite(place: Path) -> Baseline:
-    results = read_json_object(place / "results.json", "run the suite again")
+    path = place / "results.json"
+    results = read_json_object(path, "run the suite again", _MOST_BYTES)
     try:
         suite = results["suite"]
         metrics = tuple(find_metric(name) for name in dict.fromkeys((*suite["metrics"],
                                                                      *COVERAGES)))
-        runs = tuple(_blessed(run["case"], run["point"], run["system"], run["seed"],
-                              run["asked"], run["status"], run.get("sequence", {}),
-                              run.get("metrics", {}), metrics) for run in results["runs"])
+        runs = tuple(_of_record(run, metrics) for run in results["runs"])
         return Baseline(f"{suite['name']} version {suite['version']}", metrics, runs)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise BadFile(f"{place / 'results.json'}: not the results of a suite "
-                      f"({type(error).__name__}: {error}); run it again") from None
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise BadFile(f"{path}: not the results of a suite ({type(error).__name__}: {error}); run "
+                      "it again") from None
+
+
+def _of_record(run: Mapping[str, Any], metrics: Sequence[Metric]) -> BlessedRun:
+    found = _blessed(run["case"], run["point"], run["system"], run["seed"], run["asked"],
+                     run["status"], mapping(run.get("sequence", {}), "sequence"),
+                     mapping(run.get("metrics", {}), "metrics"), metrics)
+    return _run(asdict(found))
 
 
 def _of_run(place: Path) -> Baseline:

@@ -111,9 +111,10 @@ def _whole_record(path: Path) -> dict[str, Any] | None:
     except BadFile:
         return None
     head = found.get("record")
-    whole = {"timing", "meaning"} <= found.keys() and isinstance(head, dict) \
-        and {"key", "folder", "asked"} <= head.keys()
-    return found if whole else None
+    whole = isinstance(head, dict) and isinstance(head.get("folder"), str) and all(
+        isinstance(each, dict) for each in (found.get("timing"), found.get("meaning"),
+                                            head.get("asked"), head.get("metrics", {})))
+    return found if whole and isinstance(head.get("key"), str) else None
 
 
 def _otherwise(done: dict[str, Any], run: Run) -> str:

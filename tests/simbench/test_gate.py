@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simbench.baseline import Baseline, BlessedRun, read_baseline
+from simbench.baseline import Baseline, BlessedRun, outcome_of, read_baseline
 from simbench.cli import main
 from simbench.errors import BadFile, UserError
 from simbench.gate import judge
@@ -111,6 +111,21 @@ def test_a_broken_baseline_is_one_line(tmp_path, text):
     path.write_text(text)
     with pytest.raises(BadFile, match=r"baseline\.json"):
         read_baseline(path)
+
+
+@pytest.mark.parametrize("wrong", [
+    {"seed": "0"}, {"seed": 1e300}, {"metrics": {"camera.E_t": "small"}}, {"metrics": []},
+    {"asked": "all"}, {"case": None}, {"sequence": 5}, {"point": [1]}])
+def test_broken_results_of_a_suite_are_one_line(tmp_path, wrong):
+    run = {"case": "a", "point": {}, "system": "s", "seed": 0, "asked": {}, "status": "done",
+           "sequence": {}, "metrics": {"camera.E_t": 0.1}}
+    suite = {"name": "x", "version": 1, "metrics": ["camera.E_t"]}
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps({"suite": suite, "runs": [run]}))
+    assert outcome_of(tmp_path).runs[0].values == {"camera.E_t": 0.1}
+    path.write_text(json.dumps({"suite": suite, "runs": [run | wrong]}))
+    with pytest.raises(BadFile, match=r"results\.json: not the results of a suite"):
+        outcome_of(tmp_path)
 
 
 @pytest.fixture(scope="module")
