@@ -35,10 +35,7 @@ class Detections:
         self._sequence, self._kind, self._noise, self._seed = sequence, choice.boxes, noise, seed
         self._detector: Detector | None = None
         if choice.boxes == "detector" and choice.detector is not None:
-            try:
-                self._detector = OnnxDetector(Path(choice.detector))
-            except BadDetector as error:
-                raise UserError(f"--detector {error}") from None
+            self._detector = load_detector(choice.detector)
         self._class_of = _classes(sequence) if choice.boxes in ("truth", "noisy") else None
         if choice.boxes == "noisy" and self._class_of == {}:
             _log.warning("%s has nothing of a class that detectors know: --boxes noisy gives false "
@@ -71,6 +68,15 @@ class Detections:
         truth = self._sequence.truth
         masks = None if truth is None else truth.true_instances(k)
         return None if masks is None else boxes_of_masks(masks, self._class_of)
+
+
+def load_detector(path: str) -> Detector:
+    """The user's network. Raises UserError: the file is missing, no network, or of another output.
+    """
+    try:
+        return OnnxDetector(Path(path))
+    except BadDetector as error:
+        raise UserError(f"--detector {error}") from None
 
 
 def _classes(sequence: Sequence) -> dict[int, int] | None:

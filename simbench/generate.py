@@ -61,11 +61,11 @@ class GenerateSettings:
         if stereo and model.exposure_s > 0:
             raise UserError(f"--stereo with --sensor {sensor}: motion blur is not rendered for "
                             "right images; choose a sensor without exposure")
-        if frames is not None and frames < 1:
-            raise UserError(f"--frames {frames}: wanted 1 or more")
         width, height = size or (spec.width, spec.height)
-        return cls(scene, seed, spec.frames if frames is None else frames, width, height,
-                   float(spec.fps if fps is None else fps), sensor,
+        frames = spec.frames if frames is None else frames
+        fps = float(spec.fps if fps is None else fps)
+        spec.check_view((width, height), fps, frames)
+        return cls(scene, seed, frames, width, height, fps, sensor,
                    tuple(sorted(spec.resolve_dials(dials).items())), stereo)
 
     def make_world(self) -> World:

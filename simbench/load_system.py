@@ -70,6 +70,9 @@ def _from_factory(name: str, intrinsics: Intrinsics) -> System:
 
 
 def _module(place: str, name: str) -> ModuleType:
+    if "/" in place and not place.endswith(".py"):
+        raise UnknownName(f"--system {name}: {place} is no Python file; wanted "
+                          "path/to/file.py:factory or package.module:factory")
     try:
         return _file_module(Path(place)) if place.endswith(".py") else _named_module(place)
     except UserError:

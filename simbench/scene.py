@@ -28,6 +28,8 @@ from numpy.typing import ArrayLike
 
 from simbench.envs import register_env
 from simbench.errors import BadFile, UnknownName, UserError
+from simbench.stated import MOST_FRAMES
+from simbench.untrusted import MOST_SIDE_PX
 
 Dials = Mapping[str, float]
 # The name of a body (or "camera") to its pose T_world_body (4, 4) (the camera in OpenCV axes),
@@ -130,6 +132,18 @@ class SceneSpec:
             raise UserError(f"scene {self.name}: give either motion=... or build=..., not both")
         own = [d for d in (TEXTURE, LIGHT) if d.name not in {dial.name for dial in self.dials}]
         object.__setattr__(self, "dials", (*self.dials, *own))
+
+    def check_view(self, size: tuple[int, int], fps: float, frames: int = 1) -> None:
+        """Raises UserError where nothing is drawn of that size (width, height) px, rate or length.
+        """
+        width, height = size
+        if min(size) < 8 or max(size) > MOST_SIDE_PX:
+            raise UserError(f"scene {self.name}: size {width}x{height} must be from 8 to "
+                            f"{MOST_SIDE_PX} pixels")
+        if not 0.1 <= fps <= 1000.0:
+            raise UserError(f"scene {self.name}: fps {fps:g} must be from 0.1 to 1000")
+        if not 1 <= frames <= MOST_FRAMES:
+            raise UserError(f"scene {self.name}: {frames} frames; wanted 1 to {MOST_FRAMES}")
 
     def resolve_dials(self, given: Mapping[str, float | str] | None = None) -> dict[str, float]:
         """All dials with their values: those given, else the defaults.

@@ -18,6 +18,7 @@ from simbench.exposure import mean_in_linear_light
 from simbench.extents import part_boxes
 from simbench.render import Renderer
 from simbench.sequence import IteratesFrames
+from simbench.stated import MOST_FRAMES
 from simbench.truth import RayCaster, flow_between, visible_edges
 from simbench.types import (
     FlowTruth,
@@ -136,10 +137,10 @@ class SimulatedSequence(IteratesFrames):
                 where several systems are to see the same sequence.
             stereo: frames have a right image, and the intrinsics a baseline.
         Raises:
-            UserError: frames is not positive.
+            UserError: frames is not positive, or more than a sequence may have.
         """
-        if frames < 1:
-            raise UserError(f"frames {frames}: a sequence has at least one")
+        if not 1 <= frames <= MOST_FRAMES:
+            raise UserError(f"frames {frames}: a sequence has 1 to {MOST_FRAMES}")
         self.stamps_s = np.arange(frames) / world.fps
         self.truth = SimulatedTruth(world, renderer, self.stamps_s, kept)
         self.intrinsics: Intrinsics = world.layout.intrinsics

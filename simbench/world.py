@@ -43,10 +43,7 @@ def make_world(scene: str | SceneSpec, seed: int = 0,
         raise UserError(f"scene {spec.name}: seed {seed} must not be negative")
     width, height = size or (spec.width, spec.height)
     fps = spec.fps if fps is None else fps
-    if min(width, height) < 8 or max(width, height) > 8192:
-        raise UserError(f"scene {spec.name}: size {width}x{height} must be from 8 to 8192 pixels")
-    if not 0.1 <= fps <= 1000.0:
-        raise UserError(f"scene {spec.name}: fps {fps:g} must be from 0.1 to 1000")
+    spec.check_view((width, height), fps)
     return World(spec, int(seed), spec.resolve_dials(dials), (int(width), int(height)), float(fps))
 
 

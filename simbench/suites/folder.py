@@ -111,10 +111,14 @@ def _whole_record(path: Path) -> dict[str, Any] | None:
     except BadFile:
         return None
     head = found.get("record")
-    whole = isinstance(head, dict) and isinstance(head.get("folder"), str) and all(
-        isinstance(each, dict) for each in (found.get("timing"), found.get("meaning"),
-                                            head.get("asked"), head.get("metrics", {})))
-    return found if whole and isinstance(head.get("key"), str) else None
+    if not isinstance(head, dict):
+        return None
+    texts = (head.get("key"), head.get("folder"))
+    mappings = (found.get("timing"), found.get("meaning"), head.get("asked"),
+                head.get("metrics", {}))
+    whole = all(isinstance(each, str) for each in texts) \
+        and all(isinstance(each, dict) for each in mappings)
+    return found if whole else None
 
 
 def _otherwise(done: dict[str, Any], run: Run) -> str:

@@ -9,12 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simbench.errors import UnknownName, UserError
+from simbench.detections import load_detector
+from simbench.errors import UserError
 from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.program import PREFIX, UNLIMITED, Limits, words_of
 from simbench.report.suite_page import render_suite
-from simbench.scene import find_scene
 from simbench.sequence import open_sequence
 from simbench.storage import write_bytes, write_json
 from simbench.suites.folder import SuiteFolder
@@ -22,6 +22,7 @@ from simbench.suites.jobs import Run, Task, runs_of, tasks_of
 from simbench.suites.pool import Opener, dask_workers, local_workers, perform_all
 from simbench.suites.results import RESOLUTION, results_csv, results_of
 from simbench.suites.spec import Suite
+from simbench.suites.stage import generate_settings
 from simbench.suites.work import HowToWork, TaskResult
 from slam.types import Intrinsics
 
@@ -56,13 +57,13 @@ def run_suite(suite: Suite, out: Path, where: Where, *, resume: bool = False,
     Returns:
         results.json.
     Raises:
-        UserError: an unknown scene, recording, dial, system or input, or the folder is something
-            else's.
+        UserError: an unknown scene, recording, detector, dial, system or input, or the folder is
+            something else's.
         OSError: the folder cannot be written.
     """
     check_names(suite)
-    if not where.dask:      # a cluster's workers may have recordings where we have none
-        check_recordings(suite)
+    if not where.dask:      # a cluster's workers may have files where we have none
+        check_files(suite)
     folder = SuiteFolder(out)
     runs = runs_of(suite)
     folder.claim(suite, runs, resume)
@@ -108,29 +109,33 @@ def _with_report(runs: list[Run], which: str) -> frozenset[str]:
     return frozenset(run.key for run in runs) if which == "all" else frozenset()
 
 
-def check_recordings(suite: Suite) -> None:
-    """Raises UserError where a case names a folder that is no sequence, or lacks what it wants."""
+def check_files(suite: Suite) -> None:
+    """Raises UserError where a case names a folder that is no sequence, or lacks what it wants, or
+    a detector that cannot be loaded."""
     for case in suite.cases:
-        if not case.folder:
-            continue
+        choices = [case.at(point).choice() for point in case.points()]
         try:
-            sequence = open_sequence(case.folder, case.calibration or None)
-            for point in case.points():
-                Feed(sequence, case.at(point).choice())
+            if case.folder:
+                sequence = open_sequence(case.folder, case.calibration or None)
+                for choice in choices:
+                    Feed(sequence, choice)
+            for detector in {choice.detector for choice in choices} - {None}:
+                load_detector(str(detector))
         except UserError as error:
             raise UserError(f"case {case.name}: {error}") from None
 
 
 def check_names(suite: Suite) -> None:
-    """Raises UserError where a run could only fail: no such scene, dial, system or setting."""
+    """Raises UserError where a run could only fail: no such scene, dial, system or setting, or
+    more than can be drawn."""
     for case, point in suite.cells():
         here = case.at(point)
         if not here.scene:
             continue
         try:
-            find_scene(here.scene).resolve_dials(here.dials)
-        except UnknownName as error:
-            raise UnknownName(f"case {case.name}: {error}") from None
+            generate_settings(here.sequence(suite.seeds[0]), "ideal")
+        except UserError as error:
+            raise UserError(f"case {case.name}: {error}") from None
     settings = {case.at(point).settings for case, point in suite.cells()}
     for system in suite.systems:
         if system.startswith(PREFIX):

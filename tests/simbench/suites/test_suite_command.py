@@ -163,6 +163,24 @@ def test_a_recording_that_cannot_be_run_is_named_before_anything_is(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("96x72", "9999x9999", "case boxes: scene SwingingBoxes-v0: size 9999x9999 must be from 8"),
+    ("frames: 4", "frames: 100000000000",
+     "case boxes: scene SwingingBoxes-v0: 100000000000 frames; wanted 1 to 1000000"),
+    ("sensor:", "detector: gone.onnx\n    sensor:",
+     "case boxes: --detector gone.onnx: no such file"),
+    ("[sdpl]", "[etc/passwd:make]", "etc/passwd is no Python file; wanted path/to/file.py:factory"),
+])
+def test_what_could_only_fail_is_refused_before_anything_is(tmp_path, capsys, old, new, message):
+    path = tmp_path / "tiny.yaml"
+    path.write_text(SUITE.replace(old, new))
+    assert main(["suite", str(path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_system_that_loses_its_runs_is_shown_and_exits_with_1(suite, tmp_path, capsys,
                                                                 in_this_process):
     path, _ = suite
