@@ -46,7 +46,7 @@ class Limit:
 
     def __str__(self) -> str:
         sign = "<=" if self.metric.better == "lower" else ">="
-        return f"{self.metric.name} {sign} {self.value:g}"
+        return f"{self.metric.name} {sign} {self.value:g} {self.metric.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

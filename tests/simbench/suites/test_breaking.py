@@ -35,7 +35,7 @@ def test_the_point_is_found_and_its_interval_holds_it(breaks):
     assert found.holds_share == 0.0
     assert len(calls) == 7                       # two ends and five halvings
     text = found.statement("texture", ERROR, (1.0, 0.0), 5)
-    assert "camera.E_t <= 0.002 holds until texture" in text
+    assert "camera.E_t <= 0.002 m holds until texture" in text
     assert "95 % by 5 seeds" in text
 
 
