@@ -3,7 +3,8 @@
     suite.json               the suite as it was asked for; written first
     records/KEY.json         one for each run that is done, written whole after its folder
     runs/CASE/POINT/SYSTEM/SEED    each as `simbench run` leaves it
-    results.json results.csv timing.json report.html    when all is done
+    results.csv timing.json report.html results.json    when all is done; the last is gone while
+                             a suite is resumed, so that no gate takes it for what is asked now
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from simbench.suites.spec import Suite
 from simbench.suites.work import TaskResult, asked_of
 from simbench.untrusted import read_json_object
 
-SUITE, RECORDS, RUNS = "suite.json", "records", "runs"
+SUITE, RECORDS, RESULTS = "suite.json", "records", "results.json"
 SCHEMA = 1
 
 
@@ -54,6 +55,7 @@ class SuiteFolder:
                                 f"{begun.get('version')!r} was begun here, not {suite.name!r} "
                                 f"version {suite.version}; choose another --out")
             self.refuse_others(runs)
+        (self.out / RESULTS).unlink(missing_ok=True)    # of what was asked for before
         (self.out / RECORDS).mkdir(parents=True, exist_ok=True)
         write_json(self.out / SUITE, {"schema": SCHEMA, **suite.as_json()})
 

@@ -123,6 +123,22 @@ def test_a_run_done_otherwise_is_not_written_over(suite, tmp_path, capsys, in_th
         assert (again / file.relative_to(out)).read_bytes() == file.read_bytes()
 
 
+def test_no_gate_takes_old_results_for_those_of_a_suite_that_is_resumed(suite, tmp_path, capsys,
+                                                                        monkeypatch):
+    path, out = suite
+    again = tmp_path / "again"
+    shutil.copytree(out, again)
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("simbench.suites.run_suite.perform_all", killed)
+    assert main(["suite", str(path), "--seeds", "0-2", "--resume", "--out", str(again)]) == 130
+    capsys.readouterr()
+    assert main(["bless", str(again), "--baseline", str(tmp_path / "baseline.json")]) == 2
+    assert "this suite is not finished; finish it with --resume" in capsys.readouterr().err
+
+
 def test_a_run_whose_folder_is_gone_is_done_again(suite, tmp_path, in_this_process):
     path, out = suite
     again = tmp_path / "again"
