@@ -139,6 +139,7 @@ class SlidingWindow:
         self.points = _Seen(record.points, 3, 3, config)
         self.lines = _Seen(record.lines, 4, 4, config)
         self.step_covariance: dict[int, Array] = {}     # body -> (6, 6) of its newest step
+        self.not_refined: dict[int, str] = {}           # body whose turn it was -> why
 
     def due(self, row: int, bodies: Iterable[int]) -> list[int]:
         """The bodies whose turn it is in a frame: the static world always, objects by turns."""
@@ -147,7 +148,7 @@ class SlidingWindow:
 
     def advance(self, row: int, bodies: list[int]) -> None:
         """Take in a frame that is in the record already, and refine bodies seen in it."""
-        self.step_covariance = {}
+        self.step_covariance, self.not_refined = {}, {}
         self.points.take_in(row, self.bundle.min_sightings)
         self.lines.take_in(row, self.bundle.min_sightings)
         first_row = row - self.config.frames + 1
@@ -156,16 +157,19 @@ class SlidingWindow:
             window = slice(bisect_left(body.frames, first_row), None)
             every = 1 if number == STATIC else self.config.object_every
             if len(body.frames[window]) > 1:
-                self._refine(body, number, window, first_row + every)
+                why = self._refine(body, number, window, first_row + every)
+                if why:
+                    self.not_refined[number] = why
         self.points.let_go(first_row + 1, bodies)
         self.lines.let_go(first_row + 1, bodies)
 
-    def _refine(self, body: BodyRecord, number: int, window: slice, next_first_row: int) -> None:
+    def _refine(self, body: BodyRecord, number: int, window: slice, next_first_row: int) -> str:
+        """Refine one body in place; why it stays as tracked, or nothing."""
         rows = np.array(body.frames[window])
         s, points = self.points.of_body(number, rows)
         line_s, lines = self.lines.of_body(number, rows)
         if len(s) + len(line_s) == 0:
-            return
+            return "no landmark has been seen twice"
         path = BodyPath(np.array(body.poses[window]), np.array(body.steps[window]),
                         _weighted(body, window), self.record.step_correlation)
         problem = Problem(path, s, _prior(self.points.alive, points), self.camera, self.bundle,
@@ -179,7 +183,7 @@ class SlidingWindow:
             cost -= problem.drop_misfits()
         state = levenberg_marquardt(problem, begin, self.bundle, cost)
         if not all(np.isfinite(part).all() for part in state):
-            return
+            return "the system has no finite solution"
         body.poses[window] = list(state.T_body_camera)
         if self.bundle.covariances:
             S, _ = problem.reduced(0.0)
@@ -188,6 +192,7 @@ class SlidingWindow:
                 self.step_covariance[number] = newest
         for (seen, family), own in zip(self._sides(problem), (points, lines), strict=True):
             seen.keep(number, family, own, rows < next_first_row)
+        return ""
 
     def _sides(self, problem: Problem) -> tuple[tuple[_Seen, Family], tuple[_Seen, Family]]:
         return (self.points, problem.points), (self.lines, problem.lines)

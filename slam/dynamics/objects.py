@@ -54,6 +54,10 @@ class ObjectTable:
         """Mask label -> state of the objects that were seen at `stamp_s`."""
         return {s.label: s for s in self.states.values() if s.seen_s == stamp_s}
 
+    def is_seen(self, track: int, stamp_s: float) -> bool:
+        """Whether an object has a mask at `stamp_s`, one that was carried on counting, too."""
+        return track in self.states and self.states[track].seen_s == stamp_s
+
     def relabel(self, pairs: Mapping[int, int], labels: Iterable[int], before_s: float,
                 stamp_s: float, again: Mapping[int, int] | None = None,
                 carried: Collection[int] = ()) -> dict[int, int]:

@@ -208,6 +208,7 @@ class SdplSlam:
               tracked: Tracked, clock: Stopwatch) -> FrameEstimate:
         assert self.previous is not None
         frame, before = current.frame, self.previous.frame
+        moved = [s.track for s in self.objects.of_label(before.stamp_s).values() if not s.parked]
         again = self._follow_objects(current, pairs, before.stamp_s,
                                      self.history.T_world_camera @ tracked.T_a_b)
         estimate = self.history.add_tracked(frame, before, tracked, self.objects, self.config)
@@ -217,7 +218,9 @@ class SdplSlam:
         self.previous, self._unmatched = current, 0
         new = [f"mask {label}: {'seen again' if label in again else 'first seen'}"
                for label in current.labels[1:] if int(label) not in pairs]
+        gone = [f"track {track}: no mask continues it" for track in moved
+                if not self.objects.is_seen(track, frame.stamp_s)]
         estimate = replace(estimate, points=self.features.points, segments=self.features.segments,
                            timings_ms=clock.laps_ms(),
-                           reason="; ".join([*filter(None, [estimate.reason]), *new]))
+                           reason="; ".join([*filter(None, [estimate.reason]), *new, *gone]))
         return self.history.amend(estimate)

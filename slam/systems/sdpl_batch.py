@@ -81,7 +81,7 @@ class SdplBatch:
         anchored = perf_counter()
         if self.backend.window.enabled:
             self._window.advance(row, [STATIC, *self._body_of_track.values()])
-            estimate = self._corrected(estimate)
+            estimate = self._corrected(replace(estimate, reason=self._with_not_refined(estimate)))
         if not self.backend.global_batch:
             self.record.points.forget()           # the window has taken them in
             self.record.lines.forget()
@@ -89,6 +89,13 @@ class SdplBatch:
         timings = dict(estimate.timings_ms) | {
             "anchors": 1e3 * (anchored - start), "partial batch": 1e3 * (perf_counter() - anchored)}
         return self.tracker.history.amend(replace(estimate, timings_ms=timings))
+
+    def _with_not_refined(self, estimate: FrameEstimate) -> str:
+        """The estimate's reason, and what the window left as it was tracked."""
+        names = {body: f"track {track}" for track, body in self._body_of_track.items()}
+        left = [f"{names.get(body, 'camera')}, as tracked: {why}"
+                for body, why in self._window.not_refined.items()]
+        return "; ".join([*filter(None, [estimate.reason]), *left])
 
     def _corrected(self, estimate: FrameEstimate) -> FrameEstimate:
         """The estimate as the window has it; the tracker predicts the next frame from it."""
