@@ -1,6 +1,7 @@
 """What partial and global batch make of tracking: errors against truth, and time.
 
     python scripts/benchmark_backend.py --scene SwingingBoxes-v0 --frames 60 --seeds 0 1 2
+    python scripts/benchmark_backend.py --texture 0.1 --flow dis --beside sdpl-batch-no-lines
     python scripts/benchmark_backend.py --growth 75 150 300
     python scripts/benchmark_backend.py --flat 3000 --size 160x120 --figure docs/images/flat.png
     python scripts/benchmark_backend.py --flat 200 --set backend.anchors.static_count=800 \
@@ -251,16 +252,31 @@ def draw_course(found: Course, path: Path) -> None:
 def table(runs: Sequence[Run]) -> str:
     """Means over the runs, and the paired ratio with its 95 % interval."""
     lines = [f"{'':20s}{'':8s}{'tracked':>10s}{'refined':>10s}{'ratio':>8s}   95 %"]
-    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "global")):
+    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "refined")):
         before = np.array([r.tracked[key] for r in runs])
-        after = np.array([(r.partial if name == "partial" else r.refined)[key] for r in runs])
-        ratio = np.log(after / before)
-        half = (student.ppf(0.975, len(ratio) - 1) * ratio.std(ddof=1) / np.sqrt(len(ratio))
-                if len(ratio) > 1 else np.nan)
-        lines.append(f"{key:20s}{name:8s}{before.mean():10.4f}{after.mean():10.4f}"
-                     f"{np.exp(ratio.mean()):8.2f}   {np.exp(ratio.mean() - half):.2f} to "
-                     f"{np.exp(ratio.mean() + half):.2f}")
+        after = np.array([getattr(r, name)[key] for r in runs])
+        lines.append(f"{key:20s}{'global' if name == 'refined' else name:8s}{before.mean():10.4f}"
+                     f"{after.mean():10.4f}{_ratio(before, after)}")
     return "\n".join(lines)
+
+
+def beside_table(runs: Sequence[Run], others: Sequence[Run]) -> str:
+    """Errors of the runs over those of others on the same sequences, paired, with 95 %."""
+    lines = []
+    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "refined")):
+        mine, theirs = (np.array([getattr(r, name)[key] for r in rs]) for rs in (runs, others))
+        lines.append(f"{key:20s}{'global' if name == 'refined' else name:8s}{theirs.mean():10.4f}"
+                     f"{mine.mean():10.4f}{_ratio(theirs, mine)}")
+    return "\n".join(lines)
+
+
+def _ratio(before: Array, after: Array) -> str:
+    """Geometric mean of after over before, with Student's 95 % interval."""
+    ratio = np.log(after / before)
+    half = (student.ppf(0.975, len(ratio) - 1) * ratio.std(ddof=1) / np.sqrt(len(ratio))
+            if len(ratio) > 1 else np.nan)
+    return (f"{np.exp(ratio.mean()):8.2f}   {np.exp(ratio.mean() - half):.2f} to "
+            f"{np.exp(ratio.mean() + half):.2f}")
 
 
 def main() -> None:
@@ -273,6 +289,7 @@ def main() -> None:
     parser.add_argument("--flow", nargs="+", choices=sorted(FLOWS), default=sorted(FLOWS))
     parser.add_argument("--texture", type=float, default=1.0)
     parser.add_argument("--system", default="sdpl-batch", help="a preset with a batch")
+    parser.add_argument("--beside", help="another preset with a batch, on the same sequences")
     parser.add_argument("--set", dest="settings", action="append", default=[],
                         metavar="STAGE.FIELD=VALUE", help="a setting of the system")
     parser.add_argument("--flat", type=int, help="frames of one long run of the window instead")
@@ -305,6 +322,11 @@ def main() -> None:
               f"{np.median([r.anchors_ms for r in runs]):.0f}, partial batch "
               f"{np.median([r.partial_ms for r in runs]):.0f} ms a frame")
         print(table(runs), flush=True)
+        if options.beside:
+            others = [run(options.scene, seed, options.frames, flow, options.texture,
+                          options.beside, options.settings) for seed in options.seeds]
+            print(f"{options.beside}, {options.system}, and the ratio of this to that:")
+            print(beside_table(runs, others), flush=True)
 
 
 if __name__ == "__main__":

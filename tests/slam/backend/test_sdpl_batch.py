@@ -169,6 +169,18 @@ def test_runs_are_bit_equal(scene):
     assert one.points_world.tobytes() == other.points_world.tobytes()
 
 
+def test_a_global_batch_may_be_asked_for_at_any_time(scene):
+    _, _, frames = scene
+    system = slam.make("sdpl-batch", frames[0].intrinsics)
+    for frame in frames[:6]:
+        system.process(frame)
+    early = system.finish()
+    for frame in frames[6:8]:
+        system.process(frame)
+    assert early.T_world_camera.shape == (6, 4, 4)
+    assert_array_equal(system.finish().T_world_camera, run(frames[:8])[1].T_world_camera)
+
+
 def no_box_after(frame, last=9):
     return without_masks(frame) if frame.index > last else frame
 
