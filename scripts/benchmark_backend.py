@@ -10,7 +10,8 @@
 Each run is scored three times: tracking alone, what `process` returned with the partial batch, and
 after the global one, so that the ratios are paired. Object drift is the error of an object's motion
 over ten frames, seen from the camera. --flat runs tracking and window alone, on frames that are
-played forth and back, and prints what they cost, in processor time, from the first to the last.
+played forth and back, and prints what they cost, in processor time, from the first to the last;
+--growth asks for the global batch after so many of them.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from __future__ import annotations
 import argparse
 import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -59,8 +61,6 @@ class Run:
     anchors_ms: float
     partial_ms: float
     batch_s: float
-    partial_growth: float = 1.0    # of both, the last third of the frames over the first
-    peak_mb: float = 0.0
 
 
 def run(scene: str, seed: int, frames: int, flow: str, texture: float,
@@ -95,10 +95,7 @@ def run(scene: str, seed: int, frames: int, flow: str, texture: float,
     scores = [camera_scores(r, truth) | object_scores(r, owner, truth)
               for r in (alone.finish(), system.tracker.finish(), refined)]
     renderer.close()
-    both, third = np.add(anchors, partial), frames // 3
-    return Run(*scores, float(np.mean(anchors[8:])), float(np.mean(partial[8:])), batch_s,
-               float(np.median(both[-third:]) / np.median(both[8:8 + third])),
-               resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+    return Run(*scores, float(np.mean(anchors[8:])), float(np.mean(partial[8:])), batch_s)
 
 
 def camera_scores(result: SlamResult, truth: Trajectories) -> dict[str, float]:
@@ -165,18 +162,46 @@ class Course:
     landmarks: tuple[int, int, int, int]   # points: static, on objects; lines: the same
 
 
-def course(scene: str, seed: int, count: int, size: tuple[int, int] | None,
-           settings: Sequence[str], drawn: int = 60) -> Course:
-    """Tracking and window alone over `count` frames: `drawn` ones, forth and back."""
+def played(scene: str, seed: int, count: int, size: tuple[int, int] | None, drawn: int = 60
+           ) -> Iterator[Frame]:
+    """`count` frames: `drawn` ones, forth and back, with flow from the images."""
     world = make_world(scene, seed, size=size)
     renderer = make_renderer("mujoco", world)
-    sequence = SimulatedSequence(world, renderer, drawn)
-    feed = Feed(sequence, InputChoice(flow="dis", masks="truth", depth="sensor",
-                                      sensor="gaussian"), seed)
-    frames = [feed.frame(k) for k in range(drawn)]
+    feed = Feed(SimulatedSequence(world, renderer, drawn),
+                InputChoice(flow="dis", masks="truth", depth="sensor", sensor="gaussian"), seed)
+    frames = [feed.frame(k) for k in range(min(drawn, count))]
     renderer.close()
+    turn = 2 * drawn - 2
+    for k in range(count):
+        at = k % turn
+        yield replace(frames[min(at, turn - at)], index=k, stamp_s=k / 30.0)
+
+
+def growth(scene: str, seed: int, counts: Sequence[int], settings: Sequence[str]) -> list[float]:
+    """Processor time (s) of the global batch, asked for after so many frames of one run."""
+    config = with_settings(default_config("sdpl-batch"), settings)
+    frames = played(scene, seed, max(counts), None)
+    first = next(frames)
+    system = make("sdpl-batch", first.intrinsics, config)
+    spent: dict[int, float] = {}
+    for frame in chain([first], frames):
+        system.process(frame)
+        if frame.index + 1 in counts:
+            if not spent:
+                system.finish()                   # compiled, and the machine's caches warm
+            start = time.process_time()
+            system.finish()
+            spent[frame.index + 1] = time.process_time() - start
+    return [spent[count] for count in counts]
+
+
+def course(scene: str, seed: int, count: int, size: tuple[int, int] | None,
+           settings: Sequence[str]) -> Course:
+    """Tracking and window alone over a long run."""
+    frames = played(scene, seed, count, size)
+    first = next(frames)
     config = with_settings(default_config("sdpl-partial"), settings)
-    system = make("sdpl-partial", sequence.intrinsics, config)
+    system = make("sdpl-partial", first.intrinsics, config)
     assert isinstance(system, SdplBatch)
     whole, tracking, fixed, memory = (np.zeros(count) for _ in range(4))
     matrices = np.random.default_rng(0).standard_normal((3000, 6, 6))
@@ -189,10 +214,7 @@ def course(scene: str, seed: int, count: int, size: tuple[int, int] | None,
         return estimate
 
     system.tracker.process = timed           # type: ignore[method-assign]
-    turn = 2 * drawn - 2
-    for k in range(count):
-        at = k % turn
-        frame = replace(frames[min(at, turn - at)], index=k, stamp_s=k / 30.0)
+    for k, frame in enumerate(chain([first], frames)):
         start = time.process_time()
         system.process(frame)
         whole[k] = time.process_time() - start
@@ -295,7 +317,8 @@ def main() -> None:
     parser.add_argument("--flat", type=int, help="frames of one long run of the window instead")
     parser.add_argument("--size", help="WIDTHxHEIGHT of the long run; else the scene's own")
     parser.add_argument("--figure", type=Path, help="where to draw the long run")
-    parser.add_argument("--growth", type=int, nargs="+", help="frames of runs to time instead")
+    parser.add_argument("--growth", type=int, nargs="+",
+                        help="frames after which to time the global batch")
     options = parser.parse_args()
     if options.flat:
         width, height = map(int, options.size.split("x")) if options.size else (0, 0)
@@ -304,13 +327,10 @@ def main() -> None:
                             options.settings), options.figure)
         return
     if options.growth:
-        times = [run(options.scene, options.seeds[0], n, options.flow[0], options.texture,
-                     options.system, options.settings) for n in options.growth]
-        for n, timed in zip(options.growth, times, strict=True):
-            print(f"{n:5d} frames: batch {timed.batch_s:6.2f} s, anchors {timed.anchors_ms:.1f}, "
-                  f"partial batch {timed.partial_ms:.1f} ms a frame, last third over first "
-                  f"{timed.partial_growth:.2f}, {timed.peak_mb:.0f} MB")
-        slope = np.polyfit(np.log(options.growth), np.log([r.batch_s for r in times]), 1)[0]
+        times = growth(options.scene, options.seeds[0], options.growth, options.settings)
+        for n, spent in zip(options.growth, times, strict=True):
+            print(f"{n:5d} frames: global batch {spent:.2f} s of processor time")
+        slope = np.polyfit(np.log(options.growth), np.log(times), 1)[0]
         print(f"time of the batch grows with frames to the power {slope:.2f}")
         return
     for flow in options.flow:
