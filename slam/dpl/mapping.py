@@ -11,6 +11,7 @@ from slam.dpl.landmarks import Landmarks
 from slam.dpl.observers import Observers
 from slam.dpl.track import TrackedFrame
 from slam.dpl.triangulate import triangulate_pairs
+from slam.dpl.triangulate_lines import triangulate_line_pairs
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.camera import back_project, project
@@ -36,7 +37,8 @@ class LocalMapper:
         self._add_points(map_, keyframe)
         self._add_lines(map_, keyframe)
         neighbours = map_.neighbours(keyframe, self.config.mapping.window - 1)
-        triangulate_pairs(map_, keyframe, neighbours[:_PARTNERS], self.camera, self.config)
+        for triangulate in (triangulate_pairs, triangulate_line_pairs):
+            triangulate(map_, keyframe, neighbours[:_PARTNERS], self.camera, self.config)
         self.adjust_around(map_, keyframe)
         self._choose_references(map_, keyframe)
         self._cull_keyframes(map_, neighbours)

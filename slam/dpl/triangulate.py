@@ -14,9 +14,8 @@ from slam.types import Intrinsics
 
 
 def triangulate_pairs(map_: PointLineMap, keyframe: Keyframe, others: list[Keyframe],
-                      camera: Intrinsics, config: DplConfig) -> int:
-    """Add points for pairs of features without depth; how many were added."""
-    added = 0
+                      camera: Intrinsics, config: DplConfig) -> None:
+    """Add points for pairs of features without depth."""
     for other in others:
         mine = _without_depth(keyframe)
         theirs = _without_depth(other)
@@ -35,8 +34,6 @@ def triangulate_pairs(map_: PointLineMap, keyframe: Keyframe, others: list[Keyfr
             point_of = seeing.point_of.copy()
             point_of[feature] = rows
             map_.see_points(seeing, point_of)
-        added += len(rows)
-    return added
 
 
 def _without_depth(keyframe: Keyframe) -> Array:
