@@ -9,7 +9,9 @@ mask that is kicked to and fro. Colour and depth as of a Kinect, boxes of the tr
 
 Prints a row for each sequence and system: ATE RMSE and RPE over 1 frame of the poses as they were
 returned, coverage, precision and recall of what was judged to move; how much of the image people
-cover and in how many frames that is between 20 % and 50 %; then means over the seeds.
+cover and in how many frames that is between 20 % and 50 %; then means over the seeds; then ratios
+of pairs of equal sequences, geometric means with their 95 % intervals: every system to the first
+one, and every case to the first one.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from simbench.metrics.culling import CullingErrors
 from simbench.render import make_renderer
 from simbench.run import run, score
 from simbench.simulate import SimulatedSequence
+from simbench.statistics import mean_interval
 from simbench.world import make_world
 
 CASES: dict[str, dict[str, float | str]] = {
@@ -73,6 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     rows.append(row)
                     _print(row)
     _print_means(rows, chosen)
+    _print_ratios(rows, chosen)
 
 
 def _rows_of_sequence(case: str, motion: str, seed: int, chosen: argparse.Namespace
@@ -109,7 +113,7 @@ def _people_share(sequence: SimulatedSequence) -> np.ndarray:
 
 
 def _print(row: Row) -> None:
-    print(f"| {row.case} | {row.motion} | {row.seed} | {row.system} | {row.ate_mm:.1f} | "
+    print(f"| {row.case} | {row.motion} | {row.seed} | {row.system} | {row.ate_mm:.2f} | "
           f"{row.rpe_mm:.2f} | {row.coverage:.2f} | {row.precision:.2f} | {row.recall:.2f} | "
           f"{row.people:.2f} | {row.crowded:.2f} |", flush=True)
 
@@ -125,8 +129,36 @@ def _print_means(rows: Sequence[Row], chosen: argparse.Namespace) -> None:
                 if mine:
                     means = [_mean([getattr(r, name) for r in mine]) for name in
                              ("ate_mm", "rpe_mm", "coverage", "precision", "recall")]
-                    print(f"| {case} | {motion} | {system} | {means[0]:.1f} | {means[1]:.2f} | "
+                    print(f"| {case} | {motion} | {system} | {means[0]:.2f} | {means[1]:.2f} | "
                           f"{means[2]:.3f} | {means[3]:.2f} | {means[4]:.2f} |")
+
+
+def _print_ratios(rows: Sequence[Row], chosen: argparse.Namespace) -> None:
+    (case, *cases), (system, *systems) = chosen.cases, chosen.systems
+    pairs = [((c, s), (c, system)) for c in chosen.cases for s in systems]
+    pairs += [((c, s), (case, s)) for c in cases for s in chosen.systems]
+    if pairs:
+        print("\n| | to | sequences | ATE | RPE 1 frame |\n|---|---|---|---|---|")
+    for one, other in pairs:
+        a, b = ({(r.motion, r.seed): r for r in rows if (r.case, r.system) == which}
+                for which in (one, other))
+        both = [(a[key], b[key]) for key in a if key in b]
+        if not both:
+            continue
+        cells = [_ratio([getattr(x, name) / getattr(y, name) for x, y in both])
+                 for name in ("ate_mm", "rpe_mm")]
+        print(f"| {', '.join(one)} | {', '.join(other)} | {len(both)} | {' | '.join(cells)} |")
+
+
+def _ratio(ratios: Sequence[float]) -> str:
+    """The geometric mean of those that are known, with its 95 % interval."""
+    known = [r for r in ratios if np.isfinite(r)]
+    if not known:
+        return ""
+    found = mean_interval(np.log(known))
+    mean = f"{np.exp(found.mean):.3f}"
+    return mean if found.low is None or found.high is None else \
+        f"{mean} [{np.exp(found.low):.3f}, {np.exp(found.high):.3f}]"
 
 
 def _mean(values: Sequence[float]) -> float:
