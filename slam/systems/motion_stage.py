@@ -167,14 +167,15 @@ class MotionStage:
     def _standing(self, matched: Matched, rough: Motions, parked: Array, dt_s: float) -> Array:
         """The parked groups that go on standing, by motions that they had no share in.
 
-        A thing that sets off would else pull the camera along, and then seem to stand.
+        A thing that sets off would else pull the camera along, and then seem to stand. Slow things
+        count as static, but no part of the world: the test is that of what moved before.
         """
         every = matched.every
-        static = rough.T_a_b[0]
-        camera = CameraStep(static, rough.information[0], max(dt_s, 1e-6), self.scales.common_depth)
-        bodies = BodySteps(static @ se3.inverse(rough.T_a_b[parked]), rough.information[parked],
+        static, information = rough.T_a_b[0], rough.information / max(rough.clustering, 1.0)
+        camera = CameraStep(static, information[0], max(dt_s, 1e-6), self.scales.common_depth)
+        bodies = BodySteps(static @ se3.inverse(rough.T_a_b[parked]), information[parked],
                            [followers_of(self.intrinsics, every, every.group == group)
-                            for group in parked], np.zeros(len(parked), np.bool_))
+                            for group in parked], np.ones(len(parked), np.bool_))
         moved = moving(camera, bodies, self.config.dynamic)
         return np.asarray(parked[moved <= 0])
 

@@ -61,6 +61,17 @@ def test_a_missed_mask_keeps_its_track_and_its_motion(two_boxes, missed):
     assert bw.camera_errors(camera, estimates)[0].max() < 2e-3
 
 
+@pytest.mark.parametrize("step_m", [0.006, 0.014])
+def test_things_too_slow_to_count_as_moving_do_not_take_the_camera_along(step_m):
+    count = 10
+    camera = bw.hand_held(count, 0.5)
+    creep = (step_m, 0.0, 0.0)           # two large boxes side by side, at 6 or 14 cm/s
+    boxes = {1: bw.Box((0.7, 0.6, 0.3), bw.moving(-0.9, 0.1, -0.3, count, creep)),
+             2: bw.Box((0.6, 0.6, 0.25), bw.moving(0.9, 0.1, -0.3, count, creep))}
+    estimates = run(bw.sequence(camera, boxes))
+    assert bw.camera_errors(camera, estimates)[0].max() < 1e-3
+
+
 def test_a_mask_missed_for_long_is_not_made_up(two_boxes):
     _, _, frames = two_boxes
     estimates = run([hidden(f, 3) if f.index >= 3 else f for f in frames])
