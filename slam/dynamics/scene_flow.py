@@ -72,7 +72,7 @@ def moving(camera: CameraStep, bodies: BodySteps, config: DynamicConfig) -> Arra
     threshold = config.static_scene_flow_m_s + config.static_share_of_distance * points[:, 2]
     threshold *= np.where(bodies.moved_before[of], _HYSTERESIS, 1.0)
     every = np.concatenate([camera.information[None], bodies.information])
-    noise = _speed_sigma(every, points, np.zeros_like(of)) + _speed_sigma(every, points, 1 + of)
+    noise = speed_sigma(every, points, np.zeros_like(of)) + speed_sigma(every, points, 1 + of)
     limit_m = np.maximum(threshold * camera.dt_s, config.significance * noise)
     jump_m = config.depth_jumps * camera.depth_error * points[:, 2] ** 2
     level = np.zeros(len(count), np.int64)
@@ -129,7 +129,7 @@ def _confirmed(points_a: Array, carried_a: Array, rho_change: Array) -> Array:
                     np.clip(measured * np.sign(along), 0.0, np.abs(along)))
 
 
-def _speed_sigma(information: Array, points: Array, of: Array) -> Array:
+def speed_sigma(information: Array, points: Array, of: Array) -> Array:
     """Standard deviations (N,) in m of points p carried by poses: of ω × p + v.
 
     Its variance is tr Σ_v + |p|² tr Σ_ω − pᵀ Σ_ω p + 2 p · E[v × ω].

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from slam.config import MotionConfig, SdplConfig
+from slam.dynamics.creep import STILL, Drift, added, creeps
 from slam.dynamics.objects import ObjectTable
 from slam.dynamics.scene_flow import BodySteps, CameraStep, moving
 from slam.estimation.calibration import DepthOffset
@@ -41,17 +42,29 @@ if TYPE_CHECKING:
 _KINDS = 4
 
 
+class Learnt(NamedTuple):
+    """What each frame adds to: a frame that turns out lost adds nothing."""
+
+    scales: NoiseScales
+    drifts: dict[int, Drift]     # of the parked tracks
+
+
 class MotionStage:
     """Keeps what one frame teaches the next of the noise, and the images prepared for alignment."""
 
     def __init__(self, intrinsics: Intrinsics, config: SdplConfig) -> None:
         self.intrinsics, self.config = intrinsics, config
-        self.scales = NoiseScales(np.ones(_KINDS))
+        self.learnt = Learnt(NoiseScales(np.ones(_KINDS)), {})
         self.depth_offset = DepthOffset()
         self._noise_seen = False
         self._smooth: list[tuple[Frame, Array]] = []
         self._surfaces: list[tuple[Array, Array]] = []
         self._align = AlignConfig()
+
+    @property
+    def scales(self) -> NoiseScales:
+        """Measured over stated noise, as the frames so far tell."""
+        return self.learnt.scales
 
     def track(self, a: Observation, b: Observation, flow: FlowField, pairs: dict[int, int],
               features: FeatureTracker, T_a_b_expected: Array, objects: ObjectTable,
@@ -66,8 +79,9 @@ class MotionStage:
         labels_b = sorted(pairs)
         state = objects.of_label(a.frame.stamp_s)
         group_of_a = {pairs[label]: g for g, label in enumerate(labels_b, start=1)}
-        parked = np.array([g for label, g in group_of_a.items()
-                           if label in state and state[label].parked], dtype=np.int64)
+        parked_tracks = {g: state[label].track for label, g in group_of_a.items()
+                         if label in state and state[label].parked}
+        parked = np.array(list(parked_tracks), dtype=np.int64)
         image_flow = flow is not b.frame.flow
         matched = self._match(a, b, flow, group_of_a,
                               b.groups({label: g for g, label in enumerate(labels_b, start=1)}),
@@ -85,7 +99,8 @@ class MotionStage:
         if 0 in why:
             return lost(why[0])
         matched = matched.without(np.array(sorted(why), dtype=np.int64))
-        motions, matched, parked = self._solve(a, b, matched, starts, parked, image_flow, clock)
+        motions, matched, parked = self._solve(a, b, matched, starts, parked_tracks, T_world_a,
+                                               image_flow, clock)
         if self.config.noise.learn_depth_offset:
             more, sigma = motions.depth_offset
             self.depth_offset = self.depth_offset.observed(self.depth_offset.value + more, sigma)
@@ -146,15 +161,21 @@ class MotionStage:
         return starts, why
 
     def _solve(self, a: Observation, b: Observation, matched: Matched, starts: Array,
-               parked: Array, image_flow: bool, clock: Stopwatch
+               tracks: dict[int, int], T_world_a: Array, image_flow: bool, clock: Stopwatch
                ) -> tuple[Motions, Matched, Array]:
-        """The motions, the matches they rest on, and the parked groups that went on standing."""
+        """The motions, the matches they rest on, and the parked groups that went on standing.
+
+        Args:
+            tracks: parked group -> its track.
+        """
         config = self.config
         align = self._aligns(image_flow)
-        if align or len(parked):
+        parked = none = np.zeros(0, np.int64)
+        if align or tracks:
             first = replace(config.motion, rounds=1)
-            rough = self._refine(matched, starts, parked[:0], first, remember=False)
-            parked = self._standing(matched, rough, parked, b.frame.stamp_s - a.frame.stamp_s)
+            rough = self._refine(matched, starts, none, first, remember=False)
+            parked = self._standing(matched, rough, tracks, T_world_a,
+                                    b.frame.stamp_s - a.frame.stamp_s)
             starts = rough.T_a_b
             clock.lap("motion")
             if align:
@@ -164,20 +185,26 @@ class MotionStage:
         clock.lap("motion")
         return motions, matched, parked
 
-    def _standing(self, matched: Matched, rough: Motions, parked: Array, dt_s: float) -> Array:
+    def _standing(self, matched: Matched, rough: Motions, tracks: dict[int, int],
+                  T_world_a: Array, dt_s: float) -> Array:
         """The parked groups that go on standing, by motions that they had no share in.
 
         A thing that sets off would else pull the camera along, and then seem to stand. Slow things
-        count as static, but no part of the world: the test is that of what moved before.
+        count as static, but no part of the world: the test is that of what moved before, and one
+        of all that they have moved since.
         """
-        every = matched.every
+        parked, every = np.array(list(tracks), dtype=np.int64), matched.every
         static, information = rough.T_a_b[0], rough.information / max(rough.clustering, 1.0)
         camera = CameraStep(static, information[0], max(dt_s, 1e-6), self.scales.common_depth)
         bodies = BodySteps(static @ se3.inverse(rough.T_a_b[parked]), information[parked],
                            [followers_of(self.intrinsics, every, every.group == group)
                             for group in parked], np.ones(len(parked), np.bool_))
+        drifts = added([self.learnt.drifts.get(track, STILL) for track in tracks.values()], camera,
+                       bodies, T_world_a)
+        self.learnt = self.learnt._replace(drifts=dict(zip(tracks.values(), drifts, strict=True)))
         moved = moving(camera, bodies, self.config.dynamic)
-        return np.asarray(parked[moved <= 0])
+        stays = np.array([not creeps(drift) for drift in drifts], np.bool_)
+        return np.asarray(parked[(moved <= 0) & stays])
 
     def _aligns(self, image_flow: bool) -> bool:
         use = self.config.refine.use
@@ -195,14 +222,14 @@ class MotionStage:
             keep = self.config.noise.memory if self._noise_seen else 0.0
             self._noise_seen = True
             common = common_depth_error(points, motions.T_a_b[0], self.intrinsics)
-            self.scales = NoiseScales(
+            self.learnt = self.learnt._replace(scales=NoiseScales(
                 np.where(present, keep * self.scales.flow + (1 - keep) * measured,
                          self.scales.flow),
                 keep * self.scales.lines + (1 - keep) * motions.line_scale,
                 keep * self.scales.depth + (1 - keep) * motions.depth_scale,
                 keep * self.scales.clustering + (1 - keep) * motions.clustering,
                 self.scales.common_depth if np.isnan(common)
-                else keep * self.scales.common_depth + (1 - keep) * common)
+                else keep * self.scales.common_depth + (1 - keep) * common))
         return motions
 
     def _aligned(self, a: Observation, b: Observation, matched: Matched, rough: Motions,

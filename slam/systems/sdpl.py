@@ -70,17 +70,17 @@ class SdplSlam:
         flow = self._flow(self.previous, current, expected, clock)
         # Not before: dense flow comes out otherwise where it has to share OpenCV's threads.
         detected = look()
-        scales = self.motions.scales
+        learnt = self.motions.learnt
         tracked, seen, pairs = self._track(self.previous, current, flow, expected, clock)
         if tracked.lost_because and self.history.has_motion:
             # A motion that goes on otherwise than expected leads the search astray.
-            self.motions.scales = scales
+            self.motions.learnt = learnt
             detected.result()
             expected = self._step_by_features(self.previous, current)
             flow = self._flow(self.previous, current, expected, clock)
             tracked, seen, pairs = self._track(self.previous, current, flow, expected, clock)
         if tracked.lost_because:
-            self.motions.scales = scales
+            self.motions.learnt = learnt
             return self._lost(current, detected, tracked.lost_because, clock)
         return self._keep(seen, detected, pairs, tracked, clock)
 

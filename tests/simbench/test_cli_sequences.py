@@ -134,7 +134,9 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys):
 def test_an_interrupt_ends_the_rendering_processes_without_a_word_of_theirs(tmp_path, after):
     out = tmp_path / "room"
     started = subprocess.Popen(
-        [sys.executable, "-c", "import sys; from simbench.cli import main; sys.exit(main())",
+        # A shell's background jobs, and so their children, would ignore the interrupt.
+        [sys.executable, "-c", "import signal, sys; signal.signal(signal.SIGINT, "
+         "signal.default_int_handler); from simbench.cli import main; sys.exit(main())",
          "generate", SCENE, "--out", str(out), "--frames", "2000", "--workers", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slam.config import DynamicConfig
-from slam.dynamics.scene_flow import BodySteps, CameraStep, Followers, _speed_sigma, moving
+from slam.dynamics.scene_flow import BodySteps, CameraStep, Followers, moving, speed_sigma
 from slam.geometry import se3
 
 CONFIG = DynamicConfig(static_share_of_distance=0.0, static_inverse_depth_error=0.0)
@@ -111,7 +111,7 @@ def test_the_noise_of_carried_points_is_that_of_draws():
     root = 0.01 * rng.normal(size=(6, 6))
     covariance = root @ root.T
     xi = rng.multivariate_normal(np.zeros(6), covariance, 40_000)
-    sigma = _speed_sigma(np.linalg.inv(covariance)[None], POINTS[:3], np.zeros(3, np.int64))
+    sigma = speed_sigma(np.linalg.inv(covariance)[None], POINTS[:3], np.zeros(3, np.int64))
     for p, stated in zip(POINTS, sigma, strict=False):
         moved = np.cross(xi[:, :3], p) + xi[:, 3:]
         assert stated == pytest.approx(np.sqrt(np.mean(np.sum(moved**2, axis=1))), rel=0.02)
