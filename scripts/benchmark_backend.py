@@ -21,7 +21,7 @@ import resource
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
@@ -272,24 +272,29 @@ def draw_course(found: Course, path: Path) -> None:
 
 
 def table(runs: Sequence[Run]) -> str:
-    """Means over the runs, and the paired ratio with its 95 % interval."""
-    lines = [f"{'':20s}{'':8s}{'tracked':>10s}{'refined':>10s}{'ratio':>8s}   95 %"]
-    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "refined")):
-        before = np.array([r.tracked[key] for r in runs])
-        after = np.array([getattr(r, name)[key] for r in runs])
-        lines.append(f"{key:20s}{'global' if name == 'refined' else name:8s}{before.mean():10.4f}"
-                     f"{after.mean():10.4f}{_ratio(before, after)}")
-    return "\n".join(lines)
+    """Errors of both batches over those of tracking."""
+    head = f"{'':20s}{'':8s}{'tracked':>10s}{'refined':>10s}{'ratio':>8s}   95 %"
+    return "\n".join([head, *_rows([(r.tracked, r.tracked) for r in runs], runs)])
 
 
 def beside_table(runs: Sequence[Run], others: Sequence[Run]) -> str:
-    """Errors of the runs over those of others on the same sequences, paired, with 95 %."""
+    """Errors of the runs over those of others on the same sequences."""
+    return "\n".join(_rows([(r.partial, r.refined) for r in others], runs))
+
+
+def _rows(before: Sequence[tuple[dict[str, float], dict[str, float]]], runs: Sequence[Run]
+          ) -> list[str]:
+    """By measure and batch: both means, and the paired ratio with its 95 % interval.
+
+    Args:
+        before: for each run what its partial and its global batch are set against.
+    """
+    after = [(r.partial, r.refined) for r in runs]
     lines = []
-    for key, name in ((k, n) for k in runs[0].tracked for n in ("partial", "refined")):
-        mine, theirs = (np.array([getattr(r, name)[key] for r in rs]) for rs in (runs, others))
-        lines.append(f"{key:20s}{'global' if name == 'refined' else name:8s}{theirs.mean():10.4f}"
-                     f"{mine.mean():10.4f}{_ratio(theirs, mine)}")
-    return "\n".join(lines)
+    for key, (side, name) in product(runs[0].tracked, enumerate(("partial", "global"))):
+        old, new = (np.array([each[side][key] for each in both]) for both in (before, after))
+        lines.append(f"{key:20s}{name:8s}{old.mean():10.4f}{new.mean():10.4f}{_ratio(old, new)}")
+    return lines
 
 
 def _ratio(before: Array, after: Array) -> str:
