@@ -12,6 +12,7 @@ import numpy as np
 from simbench import run_folder
 from simbench.captured_log import captured_log
 from simbench.content_hash import HashedFeed
+from simbench.errors import BadFile
 from simbench.inputs import Feed
 from simbench.load_system import load_system
 from simbench.measures import Measures
@@ -39,6 +40,7 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
         report: write report.html, which takes as long as some twenty frames.
     Raises:
         UserError: no such system or setting, or the system refuses this input.
+        BadFile: no frame could be read; the run's folder has no metrics then.
         OSError: the folder cannot be written.
     """
     system, resolved = load_system(system_name, feed.intrinsics, settings)
@@ -48,6 +50,9 @@ def run_to_folder(system_name: str, feed: Feed, out: Path, *, settings: Sequence
     with captured_log() as said:
         record = run(system, given, progress=progress,
                      observers=[*measures.observers, *([film] if report else [])])
+        if len(record.unreadable) == len(feed):
+            raise BadFile(f"{feed.sequence.name}: no frame could be read, first: "
+                          f"{_first_unreadable(record)}")
         truth = feed.sequence.truth
         exact = truth is not None and truth.has_images
         trajectories = None if truth is None else truncated(truth.trajectories, len(feed))
@@ -89,7 +94,11 @@ def _warnings(record: RunRecord) -> tuple[str, ...]:
     out = []
     if record.unreadable:
         frames = "1 frame" if len(record.unreadable) == 1 else f"{len(record.unreadable)} frames"
-        out.append(f"{frames} could not be read, first: {next(iter(record.unreadable.values()))}")
+        out.append(f"{frames} could not be read, first: {_first_unreadable(record)}")
     if record.finish_fault:
         out.append(record.finish_fault)
     return tuple(out)
+
+
+def _first_unreadable(record: RunRecord) -> str:
+    return next(iter(record.unreadable.values()))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from folders import tum_folder
+from folders import kitti_folder, picture, save, tum_folder
 from simbench.cli import main
 from simbench.program import words_of
 from simbench.run_folder import prepare
@@ -148,6 +148,21 @@ def test_a_system_that_fails_on_every_frame_ends_with_1(tmp_path, capsys):
     assert "lost every frame (frame 0: the system returned int" in error[-1]
     assert any(x.startswith("WARNING: 1 frame could not be read, first: ") for x in error)
     assert "WARNING: finish: the system returned NoneType, wanted SlamResult" in error
+
+
+def test_right_images_of_another_size_are_one_line_and_no_run(tmp_path, still, capsys):
+    sequence, out = kitti_folder(tmp_path / "kitti"), tmp_path / "run"
+    for path in (sequence / "image_1").iterdir():
+        save(path, picture(0)[:12])
+    assert main(["run", str(sequence), "--system", still, "--out", str(out)]) == 2
+    error = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert len(error) == 1
+    assert "no frame could be read, first: " in error[0]
+    assert "32×12" in error[0]
+    assert not (out / "metrics.json").exists()
+    save(sequence / "image_1" / "000001.png", picture(0)[:, :, :1])   # one that can be read
+    assert main(["run", str(sequence), "--system", still, "--out", str(out)]) == 0
+    assert "WARNING: 2 frames could not be read, first: " in capsys.readouterr().err
 
 
 def test_a_program_that_poses_one_frame_alone_loses_the_run(tmp_path, capsys):
