@@ -42,8 +42,12 @@ def measured(scene: str, seed: int, frames: int, flow: str, texture: float
                   for track, motion in estimate.objects.items() if motion.instance_id in names}
     renderer.close()
     backend, tracked, truth = system.backend, system.tracker.finish(), sequence.truth.trajectories
-    forms = {"object-centric": lambda: refine_run(system.record, tracked, sequence.intrinsics,
-                                                  backend.bundle)}
+    forms = {}
+    for form, name in (("well_conditioned", "object-centric"),
+                       ("paper", "object-centric, lines paper")):
+        bundle = replace(backend.bundle, line_form=form)
+        forms[name] = lambda bundle=bundle: refine_run(system.record, tracked, sequence.intrinsics,
+                                                       bundle)
     for form, unit in product(("well_conditioned", "paper"), ("pixels", "metres")):
         chain = replace(backend.chain, line_form=form, measured_in=unit)
         name = f"paper's form, lines {form.replace('_', ' ')}, {unit}"

@@ -15,7 +15,7 @@ from slam.geometry import line, se3
 from slam.geometry.arrays import Array
 from slam.geometry.line import OrthonormalLines, PluckerLines
 
-_ZERO_M = 1e-12        # a distance below this is rounding; its derivative is taken as 0
+ZERO_M = 1e-12         # a distance below this is rounding; its derivative is taken as 0
 _PARALLEL_SINE = 1e-8  # as in slam.geometry.line
 
 
@@ -102,7 +102,7 @@ def line_measurement_paper(T_body_camera: Array, lines: OrthonormalLines, endpoi
     """3D line measurement, eq. (5), as printed: [‖A × U − N‖, ‖B × U − N‖], in metres."""
     e, J_pose, J_line = _endpoint_gaps(T_body_camera, lines, endpoints)
     length = np.linalg.norm(e, axis=2)
-    unit = np.where(length[..., None] > _ZERO_M, e, 0.0) / np.maximum(length, _ZERO_M)[..., None]
+    unit = np.where(length[..., None] > ZERO_M, e, 0.0) / np.maximum(length, ZERO_M)[..., None]
     return LineTerms(length, np.einsum("nei,neij->nej", unit, J_pose),
                      np.einsum("nei,neij->nej", unit, J_line))
 
@@ -204,7 +204,7 @@ def _distance(a: PluckerLines, b: PluckerLines) -> tuple[Array, Array, Array]:
     gap = a.moment - s * b.moment
     vector = np.cross(a.direction, gap)
     length = np.linalg.norm(vector, axis=1)
-    unit = np.where(length[:, None] > _ZERO_M, vector, 0.0) / np.maximum(length, _ZERO_M)[:, None]
+    unit = np.where(length[:, None] > ZERO_M, vector, 0.0) / np.maximum(length, ZERO_M)[:, None]
     by_gap = np.cross(unit, a.direction)
     flat_a = np.concatenate([by_gap, np.cross(gap, unit)], axis=1)
     flat_b = np.concatenate([-s * by_gap, np.zeros_like(gap)], axis=1)

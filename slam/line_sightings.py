@@ -2,8 +2,9 @@
 
 Equation (5) as a camera with depth measures it: the ends that are observed slide along the line,
 so each gives one distance across it, in px, and the inverse depth of the line at that place. In
-these units noise is even over all depths (slam.factors.landmark_terms does the same for points);
-eq. (5)'s metres stand in slam.line_factors.
+these units noise is even over all depths (slam.factors.landmark_terms does the same for points).
+Equation (5) as printed, in metres, stands beside it for compiled loops (`line_distance_row`);
+slam.line_factors has it in arrays, and well conditioned.
 
 A line is stored as ten numbers: the rotation of its orthonormal representation, row by row, and
 the angle (slam.geometry.line.OrthonormalLines).
@@ -14,11 +15,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.geometry.camera import Pinhole
 from slam.geometry.line import OrthonormalLines
 from slam.geometry.se3_rows import exp_so3_row, log_so3_row
-from slam.line_factors import LineTerms
+from slam.line_factors import ZERO_M, LineTerms
 from slam.residuals import camera_tuple
 
 _MIN_SINE = 1e-9       # as in slam.geometry.line: at infinity is 1e9 m away
@@ -80,6 +82,54 @@ def line_sighting_row(T, line, ends, rho, camera, r, J, V, by):  # type: ignore[
             else:
                 V[end, c - 6], V[2 + end, c - 6] = by_d, by_s
     return True
+
+
+@numba.njit(cache=True)
+def line_distance_row(T, line, ends, r, J, V, by):  # type: ignore[no-untyped-def]
+    """One line of eq. (5) as printed: fills r (2,), J (2, 6), V (2, 4).
+
+    r = [‖A × U − N‖, ‖B × U − N‖] in metres. A length below `ZERO_M` has the derivative 0, as in
+    slam.line_factors.line_measurement_paper.
+
+    Args:
+        ends: (2, 3) observed A and B in the camera, m.
+        by: (6, 11) room, as that of `line_sighting_row`.
+    """
+    _in_camera(T, line, by)
+    for end in range(2):
+        x, y, z = ends[end, 0], ends[end, 1], ends[end, 2]
+        e0 = y * by[5, 0] - z * by[4, 0] - by[0, 0]
+        e1 = z * by[3, 0] - x * by[5, 0] - by[1, 0]
+        e2 = x * by[4, 0] - y * by[3, 0] - by[2, 0]
+        length = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
+        over = 1.0 / length if length > ZERO_M else 0.0
+        r[end] = length
+        for c in range(10):
+            u0, u1, u2 = by[3, 1 + c], by[4, 1 + c], by[5, 1 + c]
+            d = over * (e0 * (y * u2 - z * u1 - by[0, 1 + c])
+                        + e1 * (z * u0 - x * u2 - by[1, 1 + c])
+                        + e2 * (x * u1 - y * u0 - by[2, 1 + c]))
+            if c < 6:
+                J[end, c] = d
+            else:
+                V[end, c - 6] = d
+
+
+def ends_in_metres(ends_px: Array, covariance: Array, rho: Array, rho_sigma: Array,
+                   camera: Pinhole) -> tuple[Array, Array]:
+    """Observed ends (M, 2, 3) in the camera, m, and how far off (M, 2) each may be from its line.
+
+    That is the standard deviation of the length, for lines across the view; inf: no depth.
+
+    Args:
+        ends_px: (M, 2, 2); covariance: (M, 2, 2) px² of both ends' offsets across the line.
+        rho, rho_sigma: (M, 2) inverse depths there, 1/m; 0 and inf where unknown.
+    """
+    known = (rho > 0) & np.isfinite(rho_sigma)
+    safe = np.where(known, rho, 1.0)
+    across = np.einsum("mii->mi", covariance) / (camera.fx * safe) ** 2
+    along = np.where(known, rho_sigma, np.inf) / safe**2
+    return pinhole.rays(camera, ends_px) / safe[..., None], np.sqrt(across + along**2)
 
 
 @numba.njit(cache=True)

@@ -15,7 +15,7 @@ import numpy as np
 
 from slam.backend.config import BundleConfig
 from slam.backend.descend import levenberg_marquardt
-from slam.backend.families import Family, LandmarkPrior, LineFamily, PointFamily, Room
+from slam.backend.families import LINE_FAMILIES, Family, LandmarkPrior, PointFamily, Room
 from slam.backend.pose_covariance import step_covariances
 from slam.backend.pose_system import solve_poses
 from slam.backend.step_errors import add_steps, cost_of_steps, roots, ties
@@ -122,9 +122,10 @@ class Problem:
         Args:
             rooms: memory for points and lines that an earlier problem has done with.
         """
-        point_room, line_room = (Room(3, 3), Room(4, 4)) if rooms is None else rooms
+        line_family = LINE_FAMILIES[config.line_form]
+        point_room, line_room = (Room(PointFamily), Room(line_family)) if rooms is None else rooms
         self.points = PointFamily(sightings, prior, camera, config, point_room)
-        self.lines = LineFamily(
+        self.lines = line_family(
             no_line_observations() if line_sightings is None else line_sightings,
             no_line_prior(_NO_LINES) if line_prior is None else line_prior, camera, config,
             line_room)

@@ -29,7 +29,13 @@ from slam.line_factors import (
     line_motion,
     line_motion_paper,
 )
-from slam.line_sightings import line_sighting_terms, moved_lines, packed, unpacked
+from slam.line_sightings import (
+    ends_in_metres,
+    line_sighting_terms,
+    moved_lines,
+    packed,
+    unpacked,
+)
 from slam.map import LineObservations, PointObservations
 from slam.types import Intrinsics
 
@@ -247,12 +253,8 @@ class LineChains(Chains):
                  camera: Intrinsics, config: ChainConfig) -> None:
         super().__init__(sightings, landmarks, moving, camera, config)
         s = self._s = sightings
-        rho = np.where(s.rho > 0, s.rho, np.inf)
-        rays = pinhole.rays(camera, s.ends_px)
-        self._ends_camera = rays / rho[..., None]
-        across = np.einsum("mii->mi", s.covariance) / (camera.fx * rho) ** 2
-        along = (np.where(np.isfinite(s.rho_sigma), s.rho_sigma, 1e3) / rho**2) ** 2
-        self._sigma_m = np.sqrt(across + along)
+        self._ends_camera, self._sigma_m = ends_in_metres(s.ends_px, s.covariance, s.rho,
+                                                          s.rho_sigma, camera)
         self._ends_world = np.zeros((0, 2, 3))
 
     def place(self, landmarks: Array, T_world_body: Array) -> Array:

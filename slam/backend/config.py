@@ -35,6 +35,8 @@ class BundleConfig:
     misfit_chi2: float = 5.0          # a landmark with most sightings above is left out (χ²₃)
     min_sightings: int = 2            # fewer: a landmark ties nothing together
     max_sightings: int = 60           # of a landmark in the global batch; time is their square
+    # Of eq. (5), where each body is a static world: px and inverse depth, or metres as printed.
+    line_form: Literal["well_conditioned", "paper"] = "well_conditioned"
     covariances: bool = False         # state those of the steps and motions that come out
 
 

@@ -7,17 +7,24 @@ evaluated at poses and landmarks, and adds itself to the poses' normal equations
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from slam.backend.config import BundleConfig
-from slam.backend.linearise import UNSEEN_CHI2, linearise, linearise_lines, whitening
+from slam.backend.linearise import (
+    UNSEEN_CHI2,
+    linearise,
+    linearise_line_distances,
+    linearise_lines,
+    whitening,
+)
 from slam.backend.pose_system import quadratic
 from slam.backend.reduced import landmark_steps, reduce_landmarks
 from slam.backend.settle import condense, drop_misfits, likeness, noise_ratios
 from slam.geometry.arrays import Array
-from slam.line_sightings import change_of_lines, moved_lines
+from slam.line_sightings import change_of_lines, ends_in_metres, moved_lines
 from slam.map import LineObservations, PointObservations
 from slam.residuals import camera_tuple
 from slam.types import Intrinsics
@@ -49,10 +56,8 @@ class Room:
     Fresh memory costs more than what is written into it.
     """
 
-    def __init__(self, rows: int, size: int) -> None:
-        """For R rows a sighting and D parameters a landmark."""
-        self.shape = rows, size
-        self._shapes = (rows,), (rows, 6), (rows, size)
+    def __init__(self, family: type[Family]) -> None:
+        self._shapes = (family.rows,), (family.rows, 6), (family.rows, family.size)
         self._arrays: list[list[Array]] = []
         self._capacity = -1
 
@@ -70,15 +75,16 @@ class Room:
 class Family(ABC):
     """Sightings sorted by landmark and frame, as rows of the landmarks and of the path."""
 
+    rows: int              # residuals of a sighting
+    size: int              # parameters of a landmark
+
     def __init__(self, sightings: PointObservations | LineObservations, prior: LandmarkPrior,
                  camera: Intrinsics, config: BundleConfig, room: Room) -> None:
         self.prior, self.config, self.camera = prior, config, camera_tuple(camera)
         self.pose, self.landmark = sightings.frame, sightings.landmark
         self.start = np.searchsorted(self.landmark, np.arange(len(prior.place) + 1))
-        # (M, 3) of the pixels: lower L⁻¹; then 1/σ of each inverse depth.
-        depths = room.shape[0] - 2
-        self.whitening = whitening(sightings.covariance,
-                                   sightings.rho_sigma.reshape(len(self.pose), depths))
+        # (M, 3) of the first two residuals: lower L⁻¹; then 1/σ of each other one.
+        self.whitening = self._whitening(sightings)
         self.uv_scale2 = self.rho_scale2 = 1.0
         self._share: Array | None = None         # (M,) of a sighting's information that counts
         self.now, self._trial = room.take(len(self.pose))
@@ -179,6 +185,11 @@ class Family(ABC):
         return float(drop_misfits(self.start, self.now.chi2, limit, self.config.kernel_width,
                                   self.whitening, self.now.r, self.now.J, self.now.V))
 
+    def _whitening(self, sightings: PointObservations | LineObservations) -> Array:
+        """(M, 1 + R) of pixels and inverse depths."""
+        return np.asarray(whitening(sightings.covariance,
+                                    sightings.rho_sigma.reshape(len(self.pose), self.rows - 2)))
+
     @abstractmethod
     def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:
         """Fill a linearisation; its robust cost."""
@@ -194,6 +205,8 @@ class Family(ABC):
 
 class PointFamily(Family):
     """Points (P, 3) in metres."""
+
+    rows, size = 3, 3
 
     def __init__(self, sightings: PointObservations, prior: LandmarkPrior, camera: Intrinsics,
                  config: BundleConfig, room: Room) -> None:
@@ -216,6 +229,8 @@ class PointFamily(Family):
 class LineFamily(Family):
     """Lines (P, 10), as `slam.line_sightings` stores them."""
 
+    rows, size = 4, 4
+
     def __init__(self, sightings: LineObservations, prior: LandmarkPrior, camera: Intrinsics,
                  config: BundleConfig, room: Room) -> None:
         super().__init__(sightings, prior, camera, config, room)
@@ -232,3 +247,36 @@ class LineFamily(Family):
 
     def off(self, place: Array, held: Array) -> Array:
         return np.asarray(change_of_lines(held, place))
+
+
+class PaperLineFamily(LineFamily):
+    """Lines measured by eq. (5) as printed: distances of both observed ends, in metres."""
+
+    rows, size = 2, 4
+
+    def __init__(self, sightings: LineObservations, prior: LandmarkPrior, camera: Intrinsics,
+                 config: BundleConfig, room: Room) -> None:
+        self._ends_m, self._sigma_m = ends_in_metres(
+            sightings.ends_px, sightings.covariance, sightings.rho, sightings.rho_sigma, camera)
+        super().__init__(sightings, prior, camera, config, room)
+
+    def measure_likeness(self) -> None:
+        """Let all sightings count in full: lengths have no sign by which errors could be alike."""
+
+    def _whitening(self, sightings: PointObservations | LineObservations) -> Array:
+        """(M, 3) of the two distances; 0 where there is no depth, and so no distance."""
+        known = np.asarray(np.isfinite(self._sigma_m).all(axis=1))
+        out = np.zeros((len(known), 3))
+        out[known, 0], out[known, 2] = 1.0 / self._sigma_m[known].T
+        return out
+
+    def _fill(self, T: Array, place: Array, whitening: Array, out: Linearisation) -> float:
+        cost, out.chi2 = linearise_line_distances(T, place, self.pose, self.landmark, self._ends_m,
+                                                  whitening, self.config.kernel_width, out.r,
+                                                  out.J, out.V)
+        return float(cost)
+
+
+LINE_FAMILIES: Mapping[str, type[LineFamily]] = {"well_conditioned": LineFamily,
+                                                 "paper": PaperLineFamily}
+"""Families by `BundleConfig.line_form`."""

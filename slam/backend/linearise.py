@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from slam.factors import landmark_row
-from slam.line_sightings import line_sighting_row
+from slam.line_sightings import line_distance_row, line_sighting_row
 
 UNSEEN_CHI2 = 1e6            # what a landmark costs that its pose cannot see
 
@@ -49,6 +49,24 @@ def linearise_lines(T, lines, pose, landmark, ends, rho, whitening,  # type: ign
             cost += _unseen(i, width, rw, Jw, Vw, chi2)
             continue
         cost += _weigh(i, 4, 4, r, J, V, whitening, width, rw, Jw, Vw, chi2)
+    return cost, chi2
+
+
+@numba.njit(cache=True)
+def linearise_line_distances(T, lines, pose, landmark, ends, whitening,  # type: ignore[no-untyped-def]
+                             width, rw, Jw, Vw):
+    """As `linearise`, for lines by eq. (5) as printed: (M, 2), (M, 2, 6), (M, 2, 4).
+
+    Args:
+        ends: (M, 2, 3) in the camera, m.
+        whitening: (M, 3): L⁻¹ of the two distances.
+    """
+    cost, chi2 = 0.0, np.empty(len(pose))
+    r, J, V = np.zeros(2), np.zeros((2, 6)), np.zeros((2, 4))
+    by = np.empty((6, 11))
+    for i in range(len(pose)):
+        line_distance_row(T[pose[i]], lines[landmark[i]], ends[i], r, J, V, by)
+        cost += _weigh(i, 2, 4, r, J, V, whitening, width, rw, Jw, Vw, chi2)
     return cost, chi2
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from slam.backend.bundle import BodyPath, LandmarkPrior, Problem, State
 from slam.backend.config import BundleConfig, WindowConfig
 from slam.backend.descend import levenberg_marquardt
-from slam.backend.families import Family, Room
+from slam.backend.families import LINE_FAMILIES, Family, PointFamily, Room
 from slam.backend.pose_covariance import step_covariances
 from slam.backend.refine_run import filled_in
 from slam.geometry.arrays import Array
@@ -55,10 +55,10 @@ class _Alive:
 class _Seen(Generic[Landmarks, Observations]):
     """Landmarks of one kind in the window, body by body."""
 
-    def __init__(self, features: Features[Landmarks, Observations], rows: int, size: int,
+    def __init__(self, features: Features[Landmarks, Observations], family: type[Family],
                  config: WindowConfig) -> None:
-        self.features, self.size, self.config = features, size, config
-        self.room = Room(rows, size)
+        self.features, self.size, self.config = features, family.size, config
+        self.room = Room(family)
         self.raw = self.sightings = features.no_observations     # as they came; completed
         self._last = -1                                          # number of the newest landmark
         self.alive = self._fresh(features.no_landmarks)
@@ -136,8 +136,8 @@ class SlidingWindow:
                  record: MapRecord) -> None:
         self.camera, self.config, self.record = camera, config, record
         self.bundle = replace(bundle, iterations=config.iterations)
-        self.points = _Seen(record.points, 3, 3, config)
-        self.lines = _Seen(record.lines, 4, 4, config)
+        self.points = _Seen(record.points, PointFamily, config)
+        self.lines = _Seen(record.lines, LINE_FAMILIES[bundle.line_form], config)
         self.step_covariance: dict[int, Array] = {}     # body -> (6, 6) of its newest step
         self.not_refined: dict[int, str] = {}           # body whose turn it was -> why
 

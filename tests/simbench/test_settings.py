@@ -77,10 +77,12 @@ def test_a_preset_takes_settings_and_shows_them_resolved():
 
 def test_a_preset_with_a_batch_takes_settings_of_its_back_end():
     system, resolved = load_system("sdpl-batch", CAMERA, ["backend.window.frames=10",
-                                                          "backend.formulation=paper"])
+                                                          "backend.formulation=paper",
+                                                          "backend.bundle.line_form=paper"])
     assert system.backend.window.frames == 10
     assert resolved["backend"]["window"]["frames"] == 10
     assert resolved["backend"]["formulation"] == "paper"
+    assert system.backend.bundle.line_form == "paper"
 
 
 @pytest.mark.parametrize(("preset", "text", "says"), [

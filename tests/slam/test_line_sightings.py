@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from numerics import numerical_jacobian
+from slam import line_factors
 from slam import line_sightings as ls
 from slam.geometry import camera as pinhole
 from slam.geometry import line, se3
@@ -91,6 +92,47 @@ def test_what_cannot_be_seen_says_so_and_stays_finite(case):
         assert np.isnan(terms.r).all()
     assert np.isfinite(terms.J_pose).all()
     assert np.isfinite(terms.J_line).all()
+
+
+@given(rigid_transforms(3.0), st.booleans(), plucker_lines(N), vectors(N, 2, 3, limit=5.0))
+@settings(max_examples=30, deadline=None)
+def test_the_printed_form_in_loops_is_that_in_arrays(T, at_solution, plucker, ends):
+    """Through the origin, too, and where the lengths are 0 and have no derivative."""
+    plucker = line.PluckerLines(np.where(np.arange(N)[:, None] % 2, 0.0, plucker.moment),
+                                plucker.direction)
+    if at_solution:
+        seen = line.transform_lines(se3.inverse(T), plucker)
+        ends = np.stack([line.feet_of_origin(seen), line.feet_of_origin(seen)], axis=1)
+        ends[:, 1] += seen.direction
+    lines, by = line.orthonormal_from_plucker(plucker), np.empty((6, 11))
+    wanted = line_factors.line_measurement_paper(np.repeat(T[None], N, 0), lines, ends)
+    for i, packed in enumerate(ls.packed(lines)):
+        r, J, V = np.ones(2), np.ones((2, 6)), np.ones((2, 4))
+        ls.line_distance_row(T, packed, ends[i], r, J, V, by)
+        assert_allclose(r, wanted.r[i], atol=1e-9)
+        there = (wanted.r[i] > 1e-6)[:, None]            # of shorter ones the direction is rounding
+        assert_allclose(np.where(there, J, 0), np.where(there, wanted.J_pose[i], 0), atol=1e-8)
+        assert_allclose(np.where(there, V, 0), np.where(there, wanted.J_line[i], 0), atol=1e-6)
+        assert np.isfinite([*J.flat, *V.flat]).all()
+
+
+def test_ends_in_metres_are_as_far_off_as_their_noise():
+    rng, n = np.random.default_rng(0), 20_000
+    A, B = np.array([[-0.4, 0.1, 2.0]]), np.array([[0.4, 0.1, 2.0]])    # across the view
+    lines, ends, rho = seen(A, B)
+    normal = np.array([0.0, 1.0])
+    noisy = ends + 0.5 * rng.normal(size=(n, 2, 1)) * normal
+    metres, sigma = ls.ends_in_metres(noisy, np.broadcast_to(0.25 * np.eye(2), (n, 2, 2)),
+                                      rho + 1e-3 * rng.normal(size=(n, 2)), np.full((n, 2), 1e-3),
+                                      CAMERA)
+    for end in range(2):
+        every = line.PluckerLines(np.repeat(lines.moment, n, 0), np.repeat(lines.direction, n, 0))
+        off = line.point_line_distance(metres[:, end], every)
+        assert_allclose(np.sqrt(np.mean(off**2)), sigma[:, end].mean(), rtol=0.05)
+    unknown = ls.ends_in_metres(ends, 0.25 * np.eye(2)[None], 0.0 * rho, np.full((1, 2), np.inf),
+                                CAMERA)
+    assert np.isinf(unknown[1]).all()
+    assert np.isfinite(unknown[0]).all()
 
 
 @given(plucker_lines(N), vectors(N, 4, limit=0.5))

@@ -18,9 +18,10 @@ from slam.line_sightings import packed
 from slam.map import LineObservations, MapRecord, taken
 
 PX, RHO = 0.05, 0.001
+FORMS = ["well_conditioned", "paper"]        # of eq. (5)
 
 
-def lines_of(T, seed, count=25, noise=1.0):
+def lines_of(T, seed, count=25, noise=1.0, rho_sigma=RHO):
     """Lines (L, 10) around the points' place, and their sightings in every frame."""
     rng = np.random.default_rng(seed)
     A = rng.uniform([-1.5, -1.0, 3.5], [1.5, 1.0, 6.0], (count, 3))
@@ -41,21 +42,26 @@ def lines_of(T, seed, count=25, noise=1.0):
     ends = ends + rng.normal(size=(m, 2, 1)) * 5.0 * noise * (along / np.linalg.norm(
         along, axis=1, keepdims=True))[:, None]       # ends slide along: that must not matter
     seen = LineObservations(number, frame, ends, np.broadcast_to(np.eye(2) * PX**2, (m, 2, 2)),
-                            rho + rng.normal(size=(m, 2)) * RHO * noise, np.full((m, 2), RHO))
+                            rho + rng.normal(size=(m, 2)) * rho_sigma * noise,
+                            np.full((m, 2), rho_sigma))
     return packed(line.orthonormal_from_plucker(line.plucker_from_points(A, B))), seen
 
 
-def test_lines_alone_take_drift_away():
+# A length weighs all directions alike: as printed, lines help where depth is nearly as sharp as px.
+@pytest.mark.parametrize(("form", "rho_sigma", "left"), [("well_conditioned", RHO, 0.5),
+                                                         ("paper", 0.1 * RHO, 0.9)])
+def test_lines_alone_take_drift_away(form, rho_sigma, left):
+    config = BundleConfig(line_form=form)
     ratios = []
     for seed in range(3):
         T, _, s = world(seed)
         none = taken(s, np.zeros(0, np.int64))
-        lines, seen = lines_of(T, seed)
+        lines, seen = lines_of(T, seed, rho_sigma=rho_sigma)
         path = odometry(T, seed)
-        got = bundle(path, np.zeros((0, 3)), none, CAMERA, BundleConfig(), lines, seen)
+        got = bundle(path, np.zeros((0, 3)), none, CAMERA, config, lines, seen)
         assert got.objective < got.objective_before
         ratios.append(position_rms(got.T_body_camera, T) / position_rms(path.T_body_camera, T))
-    assert np.mean(ratios) < 0.5
+    assert np.mean(ratios) < left
 
 
 def test_few_points_gain_by_lines():
@@ -70,8 +76,10 @@ def test_few_points_gain_by_lines():
     assert np.mean(gains) < 0.8
 
 
-@pytest.mark.parametrize("case", ["parallel", "end on", "through the origin", "no length", "none"])
-def test_degenerate_lines_do_no_harm(case):
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("case", ["parallel", "end on", "through the origin", "no length",
+                                  "no depth", "none"])
+def test_degenerate_lines_do_no_harm(case, form):
     T, xyz, s = world(0)
     lines, seen = lines_of(T, 0)
     path = odometry(T, 0)
@@ -86,22 +94,26 @@ def test_degenerate_lines_do_no_harm(case):
         lines[:, 9] = np.pi / 2
     elif case == "no length":
         seen = replace(seen, ends_px=np.repeat(seen.ends_px[:, :1], 2, axis=1))
+    elif case == "no depth":
+        none = np.zeros((len(seen), 2))
+        seen = replace(seen, rho=none, rho_sigma=none + np.inf)
     elif case == "none":
         lines = np.zeros((0, 10))
         seen = taken(seen, np.zeros(0, np.int64))
-    got = bundle(path, xyz, s, CAMERA, BundleConfig(), lines, seen)
+    got = bundle(path, xyz, s, CAMERA, BundleConfig(line_form=form), lines, seen)
     assert got.objective <= got.objective_before
     assert np.isfinite(got.T_body_camera).all()
     assert np.isfinite(got.lines_body).all()
     assert position_rms(got.T_body_camera, T) < position_rms(path.T_body_camera, T) + 1e-3
 
 
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("spoil", [False, True])
-def test_the_window_holds_lines_that_leave_it(spoil):
+def test_the_window_holds_lines_that_leave_it(spoil, form):
     T, _, _ = world(1, frames=24)
     lines, seen = lines_of(T, 1)
     path = odometry(T, 1)
-    window = SlidingWindow(CAMERA, WindowConfig(), BundleConfig(), MapRecord())
+    window = SlidingWindow(CAMERA, WindowConfig(), BundleConfig(line_form=form), MapRecord())
 
     def given(row, now):
         if row == 0:                              # as anchors say it: noise not known yet
@@ -114,7 +126,8 @@ def test_the_window_holds_lines_that_leave_it(spoil):
     assert np.isfinite(online).all()
     assert np.isfinite(window.lines.alive.place).all()
     assert (window.lines.alive.information[:, 0, 0] > 0).any()
-    assert position_rms(online, T) < 0.6 * position_rms(path.T_body_camera, T)
+    limit = 0.6 if form == "well_conditioned" else 2.0       # no gain as printed, and no jump
+    assert position_rms(online, T) < limit * position_rms(path.T_body_camera, T)
 
 
 def test_an_atlas_gives_back_what_was_put_in_and_uses_its_slots_again():

@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 import box_world as bw
 import slam
 from slam.geometry import se3
+from slam.systems.registry import default_config
 from slam.types import Status
 
 FRAMES = 20
@@ -109,6 +110,22 @@ def test_ablations_leave_out_what_they_say(scene, name):
     else:
         assert len(lines) > 0
         assert (lines.body == 0).all()
+
+
+@pytest.mark.parametrize("name", ["sdpl-batch", "sdpl-partial"])
+def test_a_setting_picks_the_form_of_lines_in_both_batches(scene, name):
+    _, _, frames = scene
+    poses = {}
+    for form in ("well_conditioned", "paper"):
+        config = default_config(name)
+        bundle = replace(config.backend.bundle, line_form=form)
+        config = replace(config, backend=replace(config.backend, bundle=bundle))
+        system = slam.make(name, frames[0].intrinsics, config)
+        for frame in frames[:8]:
+            system.process(frame)
+        poses[form] = system.finish().T_world_camera
+        assert camera_error(poses[form], scene[0][:8]) < 0.01
+    assert np.abs(poses["paper"] - poses["well_conditioned"]).max() > 1e-7
 
 
 def black(frame):
