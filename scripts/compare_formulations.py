@@ -5,6 +5,8 @@
 
 Each sequence is tracked once, with the partial batch; each form of the global batch then starts
 from the same record. mm and degrees, means over the seeds; seconds of processor time of the batch.
+The second table holds each form against the object-centric one: geometric means of the ratios over
+the seeds, with their 95 % intervals.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ from benchmark_backend import FLOWS, camera_scores, object_scores
 from simbench.inputs import Feed
 from simbench.render import make_renderer
 from simbench.simulate import SimulatedSequence
+from simbench.statistics import mean_interval
 from simbench.world import make_world
 from slam.backend.chained import refine_chained
 from slam.backend.refine_run import refine_run
 from slam.systems.sdpl_batch import SdplBatch
+
+OURS = "object-centric"
 
 
 def measured(scene: str, seed: int, frames: int, flow: str, texture: float
@@ -43,8 +48,7 @@ def measured(scene: str, seed: int, frames: int, flow: str, texture: float
     renderer.close()
     backend, tracked, truth = system.backend, system.tracker.finish(), sequence.truth.trajectories
     forms = {}
-    for form, name in (("well_conditioned", "object-centric"),
-                       ("paper", "object-centric, lines paper")):
+    for form, name in (("well_conditioned", OURS), ("paper", f"{OURS}, lines paper")):
         bundle = replace(backend.bundle, line_form=form)
         forms[name] = lambda bundle=bundle: refine_run(system.record, tracked, sequence.intrinsics,
                                                        bundle)
@@ -74,11 +78,31 @@ def main() -> None:
     chosen = parser.parse_args()
     runs = [measured(chosen.scene, seed, chosen.frames, chosen.flow, chosen.texture)
             for seed in chosen.seeds]
-    keys = [*runs[0]["object-centric"]]
-    print("| | " + " | ".join(keys) + " |\n|---" * 1 + "|---" * len(keys) + "|")
+    keys = [*runs[0][OURS]]
+    _print_head(keys)
     for name in runs[0]:
         values = [np.mean([run[name].get(key, np.nan) for run in runs]) for key in keys]
         print(f"| {name} | " + " | ".join(f"{value:.4g}" for value in values) + " |")
+    print()
+    _print_head(keys)
+    for name in runs[0]:
+        if name != OURS:
+            print(f"| {name} | " + " | ".join(_ratio(runs, name, key) for key in keys) + " |")
+
+
+def _print_head(keys: list[str]) -> None:
+    print("| | " + " | ".join(keys) + " |\n|---" + "|---" * len(keys) + "|")
+
+
+def _ratio(runs: list[dict[str, dict[str, float]]], name: str, key: str) -> str:
+    """Of one form to ours, over the seeds that have both."""
+    logs = [np.log(run[name][key] / run[OURS][key]) for run in runs
+            if key in run[name] and np.isfinite(run[name][key] / run[OURS][key])]
+    if not logs:
+        return ""
+    found = mean_interval(logs)
+    interval = "" if found.low is None else f" ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
+    return f"{np.exp(found.mean):.2f}{interval}"
 
 
 if __name__ == "__main__":
