@@ -101,8 +101,10 @@ def _ratio(runs: list[dict[str, dict[str, float]]], name: str, key: str) -> str:
     if not logs:
         return ""
     found = mean_interval(logs)
-    interval = "" if found.low is None else f" ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
-    return f"{np.exp(found.mean):.2f}{interval}"
+    mean = f"{np.exp(found.mean):.2f}"
+    if found.low is None or found.high is None:
+        return mean
+    return f"{mean} ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
 
 
 if __name__ == "__main__":
