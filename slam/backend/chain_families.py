@@ -76,6 +76,7 @@ class Chains(ABC):
         self.whitening = whitening(s.covariance, depths)
         self.noise_scale = np.ones(2)      # measured over assumed variance: pixels, inverse depths
         self.start = np.searchsorted(s.landmark, np.arange(landmarks + 1))
+        self._fits = np.ones(landmarks, bool)      # the others are left out
 
     def place(self, landmarks: Array, T_world_body: Array) -> Array:
         """Nodes (N, …) where landmarks of the body start; T_world_body (F, 4, 4)."""
@@ -83,12 +84,13 @@ class Chains(ABC):
 
     def cost(self, X: Array, H: Array, place: Array) -> float:
         """Robust cost of measurements and motions."""
-        return sum(self._robust(r)[1] for r in self._residuals(X, H, place))
+        return sum(self._robust(r)[1] for r in
+                   (self._measure(X, place).r, self._tied(self._move(H, place)).r))
 
     def linearise(self, X: Array, H: Array, place: Array) -> None:
         """Take a new point of linearisation."""
         self._measured = self._weighted(self._measure(X, place))
-        self._moved = self._weighted(self._move(H, place))
+        self._moved = self._weighted(self._tied(self._move(H, place)))
 
     def add(self, damping: float, S: Array, g: Array) -> None:
         """Add the current linearisation, nodes eliminated, to S (12F, 12F) and g (12F,)."""
@@ -143,13 +145,21 @@ class Chains(ABC):
         r = self._sight(X, place).r
         wrong = misfits(self.start, _chi2(r), limit * r.shape[1] / 3.0)
         self.whitening[np.repeat(wrong, np.diff(self.start))] = 0.0
+        self._fits &= ~wrong
 
     def steps(self, steps: Array) -> Array:
         """(N, d) steps of the nodes that go with steps (2F, 6) of the body's variables."""
         return np.asarray(chain_steps(*self._system, steps))
 
-    def _residuals(self, X: Array, H: Array, place: Array) -> tuple[Array, Array]:
-        return self._measure(X, place).r, self._move(H, place).r
+    def _tied(self, terms: _Terms) -> _Terms:
+        """Motions of the landmarks that are not left out: what nothing measures is singular."""
+        fits = self._fits[self.owner[self.after]]
+
+        def kept(part: Array) -> Array:
+            return np.where(fits.reshape(-1, *[1] * (part.ndim - 1)), part, 0.0)
+
+        before = None if terms.by_before is None else kept(terms.by_before)
+        return _Terms(kept(terms.r), kept(terms.by_pose), kept(terms.by_node), before)
 
     def _weighted(self, terms: _Terms) -> _Terms:
         weight, _ = self._robust(terms.r)

@@ -26,7 +26,7 @@ from slam.backend.chain_families import (
 from slam.backend.config import BundleConfig, ChainConfig
 from slam.backend.descend import levenberg_marquardt
 from slam.backend.pose_system import one_thread
-from slam.backend.refine_run import of_body, with_paths
+from slam.backend.refine_run import of_body, with_covariances, with_paths
 from slam.factors import PairTerms, odometry_terms, smooth_motion_terms
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -43,6 +43,13 @@ class State(NamedTuple):
     X: Array                     # (F, 4, 4) T_world_camera
     H: tuple[Array, ...]         # of each body (f, 4, 4)
     place: tuple[tuple[Array, ...], ...]   # of each body, its points' and its lines' nodes
+
+
+class Covariances(NamedTuple):
+    """Of what the batch has found; tangents [ω, v] on the right, NaN: not known."""
+
+    steps: Array                 # (F, 6, 6) of the cameras' steps X_{k−1}⁻¹ X_k
+    motions: dict[int, Array]    # body -> (f, 6, 6) of H, the camera's pose before it given
 
 
 class _Body:
@@ -110,6 +117,25 @@ class _Body:
         return (S[cameras, cameras] - W[:, :-1].T @ W[:, :-1],
                 g[cameras] - W[:, :-1].T @ W[:, -1])
 
+    def covariances(self, X: Array, H: Array, of_cameras: Array) -> Array:
+        """(f, 6, 6) of the motions H, once `reduced`, from those (6F, 6F) of all cameras X."""
+        f = len(self.at)
+        at = (6 * self.at[:, None] + np.arange(6)).reshape(-1)
+        factor, W = self._eliminated
+        own = solve_triangular(factor, np.eye(len(factor)), lower=True)
+        A = -own.T @ W[:, :-1]                       # steps of the motions, by those of the cameras
+        both = A @ of_cameras[np.ix_(at, at)]
+        before = X[self.at[:-1]]
+        # What the world is off by turns the motion with it: H Exp(ξ_H + (Ad X − Ad H⁻¹ X) ξ_X).
+        turned = se3.adjoint(before) - se3.adjoint(se3.inverse(H[1:]) @ before)
+        out = np.full((f, 6, 6), np.nan)
+        for k in range(f - 1):
+            motion, camera = slice(6 * k, 6 * k + 6), at[6 * k:6 * k + 6]
+            cross = both[motion, motion] @ turned[k].T
+            out[k + 1] = (own[:, motion].T @ own[:, motion] + both[motion] @ A[motion].T + cross
+                          + cross.T + turned[k] @ of_cameras[np.ix_(camera, camera)] @ turned[k].T)
+        return out
+
     def steps(self, poses: Array) -> tuple[Array, list[Array]]:
         """Steps of the motions (f, 6) and of the nodes, from those of all cameras (F, 6)."""
         f = len(self.at)
@@ -162,18 +188,48 @@ class ChainedProblem:
         for body, H, place in zip(self.bodies, state.H, state.place, strict=True):
             body.linearise(state.X, H, place)
 
+    def _reduced(self, damping: float) -> tuple[Array, Array]:
+        """The cameras' normal equations (6F, 6F), (6F,). Raises LinAlgError."""
+        F = len(self._tried.X)
+        S, g = np.zeros((6 * F, 6 * F)), np.zeros(6 * F)
+        _add_pairs(self._pairs, np.arange(F - 1), S, g)
+        for body in self.bodies:
+            own, gradient = body.reduced(damping)
+            at = (6 * body.at[:, None] + np.arange(6)).reshape(-1)
+            S[np.ix_(at, at)] += own
+            g[at] += gradient
+        return S, g
+
+    def covariances(self, state: State) -> Covariances:
+        """Of the cameras' steps and the objects' motions; NaN where the system is singular."""
+        self.objective(state)
+        self.take_over()
+        F = len(state.X)
+        unknown = {n: np.full((len(b.at), 6, 6), np.nan)
+                   for n, b in zip(self.numbers, self.bodies, strict=True) if b.moving}
+        P = np.zeros((6 * F, 6 * F))                    # the first pose is held
+        try:
+            with one_thread():
+                S, _ = self._reduced(0.0)
+                P[6:, 6:] = cho_solve(cho_factor(S[6:, 6:], lower=True), np.eye(6 * F - 6))
+                motions = {n: b.covariances(state.X, H, P) for n, b, H in
+                           zip(self.numbers, self.bodies, state.H, strict=True) if b.moving}
+        except (LinAlgError, np.linalg.LinAlgError, ValueError):
+            return Covariances(np.full((F, 6, 6), np.nan), unknown)
+        back = -se3.adjoint(se3.inverse(state.X[1:]) @ state.X[:-1])
+        steps = np.full((F, 6, 6), np.nan)
+        for k in range(F - 1):
+            J = np.c_[back[k], np.eye(6)]
+            both = slice(6 * k, 6 * k + 12)
+            steps[k + 1] = J @ P[both, both] @ J.T
+        return Covariances(steps, motions)
+
     def stepped(self, state: State, damping: float) -> State | None:
         """The state one damped step on; None where the system is singular."""
         F = len(state.X)
-        S, g = np.zeros((6 * F, 6 * F)), np.zeros(6 * F)
-        _add_pairs(self._pairs, np.arange(F - 1), S, g)
         try:
             with one_thread():
-                for body in self.bodies:
-                    own, gradient = body.reduced(damping)
-                    at = (6 * body.at[:, None] + np.arange(6)).reshape(-1)
-                    S[np.ix_(at, at)] += own
-                    g[at] += gradient
+                S, g = self._reduced(damping)
                 S[np.diag_indices_from(S)] += damping * np.abs(np.diag(S)) + 1e-12
                 poses = np.zeros((F, 6))                    # the first pose stays
                 poses[1:] = -cho_solve(cho_factor(S[6:, 6:], lower=True), g[6:]).reshape(-1, 6)
@@ -237,8 +293,11 @@ def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
             L.append(se3.orthonormalised(motion @ L[-1]))
         paths[number] = se3.inverse(np.array(L)) @ state.X[body.at]
     static = problem.numbers.index(STATIC)
-    return with_paths(record, tracked, paths, points_world=state.place[static][0],
-                      seconds=perf_counter() - start)
+    made = with_paths(record, tracked, paths, state.place[static][0])
+    if bundle.covariances:
+        made = with_covariances(made, record, *problem.covariances(state))
+    return replace(made, timings_ms=dict(made.timings_ms)
+                   | {"global batch": 1e3 * (perf_counter() - start)})
 
 
 def _add_pairs(terms: PairTerms, variable: Array, S: Array, g: Array) -> None:

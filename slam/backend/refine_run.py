@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 
@@ -40,48 +41,67 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
     if STATIC not in bodies:
         return tracked
     made = _run_of(record, tracked, {n: b.T_body_camera for n, b in bodies.items()})
-    if config.covariances:
-        made = _with_covariances(made, record, bodies)
+    of_steps = bodies[STATIC].step_covariance
+    if of_steps is not None:
+        made = with_covariances(made, record, of_steps,
+                                _covariances_of_motions(made.T_world_camera, record, bodies))
     timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
     return replace(made, points_world=bodies[STATIC].xyz_body, timings_ms=timings)
 
 
-def _with_covariances(run: SlamResult, record: MapRecord, bodies: dict[int, BundleResult]
-                      ) -> SlamResult:
-    """The run with the covariances of its steps and motions."""
-    X, rows = run.T_world_camera, np.array(record.bodies[STATIC].frames)
+def _covariances_of_motions(X: Array, record: MapRecord, bodies: dict[int, BundleResult]
+                            ) -> dict[int, Array]:
+    """Body -> (F, 6, 6) of the motions to its frames, the camera's pose before them given."""
+    rows = record.bodies[STATIC].frames
     of_camera = np.full((len(X), 6, 6), np.nan)
-    of_static = bodies[STATIC].step_covariance
-    if of_static is None:
-        return run
-    in_a_row = np.flatnonzero(np.diff(rows) == 1) + 1        # over a lost frame it is no step
-    of_camera[rows[in_a_row]] = of_static[in_a_row]
-    objects = dict(run.objects)
-    row_of = {index: row for row, index in enumerate(record.indices)}
+    of_camera[rows] = bodies[STATIC].step_covariance
+    out = {}
     for number, body in bodies.items():
-        if number == STATIC or body.step_covariance is None:
-            continue
-        track = objects[record.bodies[number].track]
+        if number != STATIC and body.step_covariance is not None:
+            frames, Y = np.array(record.bodies[number].frames), body.T_body_camera
+            out[number] = np.full((len(frames), 6, 6), np.nan)
+            out[number][1:] = moved_covariance(X[frames[:-1]] @ se3.inverse(Y[:-1]) @ Y[1:],
+                                               of_camera[frames[1:]] + body.step_covariance[1:])
+    return out
+
+
+def with_covariances(run: SlamResult, record: MapRecord, of_steps: Array,
+                     of_motions: Mapping[int, Array]) -> SlamResult:
+    """The run with covariances of its steps and motions; NaN over frames that were lost.
+
+    Args:
+        of_steps: (F, 6, 6) of the steps to the static world's frames; the first leads nowhere.
+        of_motions: body -> (F, 6, 6) of the motions to its frames.
+    """
+    step_covariance = np.full((len(run.T_world_camera), 6, 6), np.nan)
+    rows, then = _without_gaps(record.bodies[STATIC])
+    step_covariance[rows] = of_steps[then]
+    objects = dict(run.objects)
+    for number, covariance in of_motions.items():
+        body = record.bodies[number]
+        track = objects[body.track]
         P = (np.full((len(track.frames), 6, 6), np.nan) if track.covariance is None
              else np.array(track.covariance))
-        at = {row: i for i, row in enumerate(record.bodies[number].frames)}
-        for m, index in enumerate(track.frames.tolist()):
-            row = row_of[index]
-            i = at.get(row, 0)
-            if i > 0:
-                Y_before, Y = body.T_body_camera[i - 1: i + 1]
-                P[m] = moved_covariance(X[row - 1] @ se3.inverse(Y_before) @ Y,
-                                        of_camera[row] + body.step_covariance[i])
-        objects[record.bodies[number].track] = replace(track, covariance=P)
-    return replace(run, objects=objects, step_covariance=of_camera)
+        place = {int(index): m for m, index in enumerate(track.frames)}
+        for row, i in zip(*_without_gaps(body), strict=True):
+            m = place.get(record.indices[row])
+            if m is not None:
+                P[m] = covariance[i]
+        objects[body.track] = replace(track, covariance=P)
+    return replace(run, objects=objects, step_covariance=step_covariance)
+
+
+def _without_gaps(body: BodyRecord) -> tuple[Array, Array]:
+    """Rows of the run that follow right on the body's frame before, and which frames they are."""
+    frames = np.array(body.frames)
+    i = np.flatnonzero(np.diff(frames) == 1) + 1
+    return frames[i], i
 
 
 def with_paths(record: MapRecord, tracked: SlamResult, paths: dict[int, Array],
-               points_world: Array, seconds: float) -> SlamResult:
+               points_world: Array) -> SlamResult:
     """The run with T_body_camera (F, 4, 4) of each body, and static points, of another batch."""
-    made = _run_of(record, tracked, paths)
-    return replace(made, points_world=points_world,
-                   timings_ms=dict(tracked.timings_ms) | {"global batch": 1e3 * seconds})
+    return replace(_run_of(record, tracked, paths), points_world=points_world)
 
 
 def run_of_record(record: MapRecord, tracked: SlamResult) -> SlamResult:

@@ -121,8 +121,13 @@ class SdplBatch:
                                       of_steps.get(number, _UNKNOWN))))
         step = se3.inverse(X_before) @ X
         self.tracker.history.correct(step)
-        return replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects,
+        made = replace(estimate, T_world_camera=X, T_previous_camera=step, objects=objects,
                        covariance=of_steps.get(STATIC))
+        if self._last_row == len(self.record.indices) - 2:
+            return made
+        # Frames between were lost: their poses are predicted, and the last one begins this step.
+        lost = self.tracker.history.estimates[-2].T_world_camera
+        return replace(made, T_previous_camera=se3.inverse(lost) @ X, covariance=None)
 
     def finish(self) -> SlamResult:
         """The run after the global batch."""

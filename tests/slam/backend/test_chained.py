@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.stats import chi2
 
 from point_world import CAMERA, RHO_SIGMA, UV_SIGMA
 from slam.backend.chained import ChainedProblem, solve
@@ -187,9 +188,36 @@ def test_both_units_weigh_a_sighting_alike():
               for unit in ("pixels", "metres")]
     X = np.array(record.bodies[STATIC].poses)
     for pixels, metres, place in zip(*(b.families for b in bodies), bodies[0].place, strict=True):
-        chi2 = [np.sum(f._measure(X[bodies[0].at], place).r ** 2, axis=1)
+        cost = [np.sum(f._measure(X[bodies[0].at], place).r ** 2, axis=1)
                 for f in (pixels, metres)]
-        assert_allclose(chi2[1], chi2[0], rtol=0.2, atol=0.5)   # what is not linear in 1/z differs
+        assert_allclose(cost[1], cost[0], rtol=0.2, atol=0.5)   # what is not linear in 1/z differs
+
+
+def test_errors_are_as_large_as_the_covariances_say():
+    """NEES of steps and of motions, seen from the camera before, where all noise is as assumed."""
+    drift = 0.01                                                  # of steps: 1e4 of information
+    config = ChainConfig(smooth_rad=10.0, smooth_m=10.0, motion_sigma_m=1e-4, kernel_width=1e3)
+    bundle = replace(BUNDLE, kernel_width=1e3)
+    of_steps, of_motions = [], []
+    for seed in range(14):
+        record, X, L = dynamic_world(seed, frames=4, points=16, lines=4, noise=1.0, drift=drift)
+        problem = ChainedProblem(record, CAMERA, bundle, config)
+        state, _, _ = solve(problem, bundle)
+        found = problem.covariances(state)
+        (motions,) = found.motions.values()
+        assert np.isnan(found.steps[0]).all()
+        assert np.isnan(motions[0]).all()
+        k = 1 + seed % 3                          # motions and steps of one run hang together
+        step = se3.inverse(state.X[k - 1]) @ state.X[k]
+        e = se3.log(se3.inverse(step) @ se3.inverse(X[k - 1]) @ X[k])
+        of_steps.append(e @ np.linalg.solve(found.steps[k], e))
+        S = X[k - 1] @ se3.inverse(state.X[k - 1])
+        H = S @ state.H[1][k] @ se3.inverse(S)
+        e = se3.log(se3.inverse(H) @ L[k] @ se3.inverse(L[k - 1]))
+        of_motions.append(e @ np.linalg.solve(motions[k], e))
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 6 * len(of_steps))
+    assert low < np.sum(of_steps) < high
+    assert low < np.sum(of_motions) < high
 
 
 def test_equal_runs_give_equal_bytes():

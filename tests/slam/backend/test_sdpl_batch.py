@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import box_world as bw
 import slam
@@ -126,6 +126,43 @@ def test_a_setting_picks_the_form_of_lines_in_both_batches(scene, name):
         poses[form] = system.finish().T_world_camera
         assert camera_error(poses[form], scene[0][:8]) < 0.01
     assert np.abs(poses["paper"] - poses["well_conditioned"]).max() > 1e-7
+
+
+@pytest.mark.parametrize("name", ["sdpl-batch", "sdpl-paper-batch"])
+def test_covariances_are_stated_on_request(scene, name):
+    camera, box, frames = scene
+    spoilt = [black(without_depth(f)) if f.index == 5 else f for f in frames[:10]]
+    for asked in (False, True):
+        config = default_config(name)
+        bundle = replace(config.backend.bundle, covariances=asked)
+        system = slam.make(name, frames[0].intrinsics,
+                           replace(config, backend=replace(config.backend, bundle=bundle)))
+        estimates = [system.process(frame) for frame in spoilt]
+        result = system.finish()
+        (track,) = result.objects.values()
+        if not asked:
+            assert all(e.covariance is None for e in estimates)
+            assert result.step_covariance is None
+            assert track.covariance is None
+            continue
+        for before, e in pairwise(estimates):
+            assert_allclose(before.T_world_camera @ e.T_previous_camera, e.T_world_camera,
+                            atol=2e-3)
+        online = [e.index for e in estimates if e.covariance is not None]
+        assert online == [1, 2, 3, 4, 7, 8, 9]                         # 6 is over a lost frame
+        stated = np.isfinite(result.step_covariance).all(axis=(1, 2))
+        assert np.flatnonzero(stated).tolist() == online
+        assert np.isfinite(track.covariance).all(axis=(1, 2)).sum() >= 5
+        for k in np.flatnonzero(stated):
+            step = se3.inverse(result.T_world_camera[k - 1]) @ result.T_world_camera[k]
+            error = se3.log(se3.inverse(step) @ se3.inverse(camera[k - 1]) @ camera[k])
+            assert error @ np.linalg.solve(result.step_covariance[k], error) < 300.0
+        for k, H, P in zip(track.frames, track.H_world, track.covariance, strict=True):
+            if np.isfinite(P).all():
+                S = camera[k - 1] @ se3.inverse(result.T_world_camera[k - 1])
+                true = box.T_world_box[k] @ se3.inverse(box.T_world_box[k - 1])
+                error = se3.log(se3.inverse(S @ H @ se3.inverse(S)) @ true)
+                assert error @ np.linalg.solve(P, error) < 3000.0
 
 
 def black(frame):
