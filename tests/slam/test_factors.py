@@ -246,6 +246,32 @@ def test_line_motion_paper(seed):
     assert_allclose(terms.J_now, by_own(lambda d: at(last=d).r, 4), rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_line_motion_paper_between_parallel_lines(sign, seed):
+    """The other branch of dist: lines the same way or opposite ways, some distance apart."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(2, N, 3)) * 2
+    before = line.orthonormal_from_plucker(line.plucker_from_points(A, B))
+    H = se3.exp(rng.normal(size=6) * 0.3)
+    aside = rng.normal(size=(N, 3))
+    ends = se3.transform_points(H, A) + aside, se3.transform_points(H, B) + aside
+    now = line.orthonormal_from_plucker(line.plucker_from_points(*ends[::int(sign)]))
+
+    def at(v):
+        return line_factors.line_motion_paper(
+            repeated(se3.from_rotation_translation(H[:3, :3], H[:3, 3] + v)), before, now).r
+
+    terms = line_factors.line_motion_paper(repeated(H), before, now)
+    across = line.plucker_from_orthonormal(now).direction
+    wanted = np.linalg.norm(aside - np.sum(aside * across, axis=1)[:, None] * across, axis=1)
+    assert_allclose(terms.r[:, 0], wanted, atol=1e-9)
+    assert_allclose(terms.r[:, 1], 1.0 - sign, atol=1e-12)
+    # Turned, the lines are no longer parallel: only along translations has dist a derivative.
+    assert_allclose(terms.J_H[:, :, 3:], by_own(lambda d: at(H[:3, :3] @ d), 3), atol=1e-5)
+    assert all(np.isfinite(J).all() for J in terms[1:])
+
+
 def test_line_motion_paper_has_no_gradient_at_its_solution_and_ours_has():
     A, B = np.array([[0.3, 0.1, 3.0]]), np.array([[1.3, 0.4, 4.0]])
     plucker = line.plucker_from_points(A, B)

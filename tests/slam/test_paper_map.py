@@ -13,10 +13,12 @@ ROWS = [line for line in (ROOT / "docs/paper_map.md").read_text().splitlines()
 
 @pytest.mark.parametrize("row", ROWS)
 def test_function_and_test_exist(row):
-    function, test = re.findall(r"`([^`]+)`", row)
+    *_, function, test = re.findall(r"`([^`]+)`", row)
     module, name = function.rsplit(".", 1)
     assert callable(getattr(import_module(module), name))
-    assert (ROOT / test).is_file()
+    text = (ROOT / test).read_text()
+    # Some stages are tested by running the whole system.
+    assert re.search(rf"\b{name}\b", text) or "slam.make(" in text, f"{test} does not test {name}"
 
 
 def test_every_equation_is_there():
