@@ -1,15 +1,20 @@
 """A table from the command line, and what is computed between its runs and its page."""
 
 import csv
+import html
 import json
+import re
 
 import numpy as np
 import pytest
 
 from simbench.cli import main
 from simbench.reproduce.compare import compare, correlate
+from simbench.reproduce.files import markdown
 from simbench.reproduce.measured import Measured, short_name
+from simbench.reproduce.page import render
 from simbench.reproduce.run_table import suite_of
+from simbench.reproduce.side_by_side import reproduction
 from simbench.reproduce.table import load_table
 from simbench.statistics import rank_correlation
 from simbench.suites.jobs import runs_of
@@ -119,6 +124,37 @@ def test_gains_that_grow_with_the_tracklets_correlate(drives):
     # Of the printed numbers, by scipy: their correlation is no certain one.
     assert found.rho_printed.mean == pytest.approx(0.52, abs=0.005)
     assert found.rho_printed.low < 0 < found.rho_printed.high
+
+
+def test_the_page_states_the_correlation_with_its_interval(drives):
+    table, measured = drives
+    found = reproduction(table, suite_of(table, seeds=(0, 1)), measured)
+    for text in (markdown(found), html.unescape(render(found))):
+        assert re.search(r"Printed: ρ = \+0\.52 \[-0\.\d\d, \+0\.\d\d\], 13 sequences", text)
+        assert "Ours: ρ = +1.00 [+1.00, +1.00], 13 sequences" in text
+        assert "between static line tracklet length and gain in camera E" in text
+
+
+def test_each_box_stands_in_its_own_row(tmp_path):
+    table = load_table("sdpl-table2")
+    runs = runs_of(suite_of(table, seeds=(0, 1)))
+    for run in runs:
+        boxes = {str(n): {"E_t": 0.01 * n + 0.001 * run.seed, "E_R": 0.1 * n} for n in range(1, 5)}
+        folder = tmp_path / run.folder
+        folder.mkdir(parents=True)
+        (folder / "metrics.json").write_text(json.dumps({
+            "camera": {"E_t": 0.005, "E_R": 0.05},
+            "objects": boxes | {"mean": {"E_t": 0.025, "E_R": 0.25}}}))
+    measured = Measured(table, runs, [{"status": "done"}] * len(runs), tmp_path)
+    (side,) = (s for s in reproduction(table, suite_of(table, seeds=(0, 1)), measured).sides
+               if s.title.startswith("E_t"))
+    rows = {name: cells for name, *cells in side.rows}
+    at = len(side.printed) + side.ours.index("sdpl")
+    for n, place in enumerate(("top right", "bottom right", "top left", "bottom left"), start=1):
+        assert rows[f"500 frames: {place}"][at].startswith(f"0.0{n}05")
+    assert rows["500 frames: top left"][:2] == ["0.036", "0.031"]
+    assert rows["500 frames: box mean"][at].startswith("0.025")
+    assert rows["full sequence: camera"][:2] == ["0.038", "0.022"]
 
 
 def test_no_correlation_of_few_or_equal_values():
