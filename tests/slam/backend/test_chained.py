@@ -268,6 +268,19 @@ def test_the_run_is_made_of_all_bodies(batch, of_objects):
     assert np.all(after < [0.5, of_objects] * before)
 
 
+@pytest.mark.parametrize(("rigidity", "times"), [(1.0, 1.0), (0.5, 4.0), (0.0, 100.0)])
+def test_what_bends_is_tied_loosely(rigidity, times):
+    costs = []
+    for share in (1.0, rigidity):
+        record, _, _ = dynamic_world(0, lines=0)
+        record.bodies[1].rigidity = [share] * 7
+        problem = ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(kernel_width=1e6))
+        body = problem.bodies[1]
+        place = body.place[0] + 1e-4 * (np.arange(len(body.place[0])) % 2)[:, None]
+        costs.append(np.sum(body.families[0]._move(body.H, place).r ** 2))
+    assert costs[1] == pytest.approx(costs[0] / times**2)
+
+
 def test_equal_runs_give_equal_bytes():
     states = []
     for _ in range(2):

@@ -235,6 +235,29 @@ def test_a_global_batch_may_be_asked_for_at_any_time(scene):
     assert_array_equal(system.finish().T_world_camera, run(frames[:8])[1].T_world_camera)
 
 
+@pytest.mark.parametrize("own_flow", [True, False])
+def test_what_bends_is_reported_and_weighs_less(own_flow):
+    """Two boxes under one mask that move apart, beside one that is rigid."""
+    count = 8
+    camera = bw.hand_held(count)
+    part = bw.moving(-0.05, 0.45, -0.1, count, (0.08, -0.03, 0.02))
+    boxes = {3: bw.Box((0.4, 0.35, 0.3), bw.moving(-0.5, 0.1, 0.0, count, (0.05, 0.0, 0.02))),
+             4: bw.Box((0.2, 0.3, 0.25), part),
+             5: bw.Box((0.3, 0.4, 0.3), bw.moving(1.0, 0.4, 0.5, count, (-0.05, 0.0, 0.0)))}
+    frames = bw.sequence(camera, boxes, with_flow=not own_flow, labels={3: 3, 4: 3, 5: 5})
+    system = slam.make("sdpl-batch", frames[0].intrinsics)
+    estimates = [system.process(frame) for frame in frames]
+    bends, rigid = (np.mean([m.rigidity for e in estimates for m in e.objects.values()
+                             if m.instance_id == label]) for label in (3, 5))
+    assert bends < rigid - 0.15
+    assert bw.camera_errors(camera, estimates)[0].max() < 2e-3
+    claimed = {o.label: o.information for o in system._motions.last.objects}
+    for track, motion in estimates[-1].objects.items():
+        body = system.record.bodies[system._body_of_track[track]]
+        assert body.rigidity[-1] == motion.rigidity < 1.0
+        assert_allclose(body.information[-1], motion.rigidity**2 * claimed[motion.instance_id])
+
+
 def no_box_after(frame, last=9):
     return without_masks(frame) if frame.index > last else frame
 
