@@ -1,8 +1,8 @@
-"""Every equation that the back-end optimises, with its analytic Jacobian.
+"""The back-end's equations of points and poses, each with its analytic Jacobian.
 
-Poses T_body_camera are perturbed on the right, T Exp(ξ), ξ = [ω, v]; lines by the four parameters
-of `slam.geometry.line.update`. A body is the static world or a rigid object: in the object-centric
-formulation both are measured by the same equations. Equation numbers are SDPL-SLAM's.
+Those of lines stand in slam.line_factors and slam.line_sightings. Poses T_body_camera are
+perturbed on the right, T Exp(ξ), ξ = [ω, v]. A body is the static world or a rigid object: in the
+object-centric formulation both are measured by the same equations.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ stand still in its own frame, and the camera has a pose there: T_body_camera.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from slam.geometry import se3
 from slam.geometry.arrays import Array, freeze_fields
+from slam.tables import joined
 
 STATIC = 0         # the number of the static world among the bodies
 
@@ -170,24 +170,9 @@ class Features(Generic[Landmarks, Observations]):
         return joined([self.no_observations, *self._observations])
 
     def forget(self) -> None:
-        """Let go of all that was added, but for the numbers given."""
+        """Let go of all that was added; numbers go on from where they are."""
         self._observations.clear()
         self._landmarks.clear()
-
-
-Table = TypeVar("Table", bound=PointLandmarks | LineLandmarks | PointObservations
-                | LineObservations)
-
-
-def joined(parts: Sequence[Table]) -> Table:
-    """The rows of all parts, one after another."""
-    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts])
-                            for name in type(parts[0]).__slots__))
-
-
-def taken(table: Table, index: Array | slice) -> Table:
-    """The rows that `index` picks."""
-    return type(table)(*(getattr(table, name)[index] for name in type(table).__slots__))
 
 
 def no_observations() -> PointObservations:

@@ -5,7 +5,8 @@ import numpy as np
 from slam.backend.bundle import BodyPath
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
-from slam.map import STATIC, PointObservations, taken
+from slam.map import STATIC, PointObservations
+from slam.tables import taken
 from slam.types import Intrinsics
 
 CAMERA = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)

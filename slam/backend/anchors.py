@@ -7,7 +7,7 @@ one alignment in each frame, however long it lives, and so ties poses far apart 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from slam.frontend.surface import SurfacePatches, carried, fit_surfaces
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.map import STATIC, Features, PointLandmarks, PointObservations
+from slam.tables import joined, taken
 from slam.types import Intrinsics
 
 _OUTSIDE_PX = -1e6      # where what has no place in the image is put
@@ -45,13 +46,6 @@ class _Anchors:
 
     def __len__(self) -> int:
         return len(self.number)
-
-    def take(self, index: Array) -> _Anchors:
-        return _Anchors(*(getattr(self, f.name)[index] for f in fields(self)))
-
-    def join(self, other: _Anchors) -> _Anchors:
-        return _Anchors(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)])
-                          for f in fields(self)))
 
 
 def _no_anchors() -> _Anchors:
@@ -76,7 +70,7 @@ class PointAnchors:
         """Record one frame's sightings of the landmarks that are known."""
         self._keep(now.has(self._alive.body))              # bodies that ended took theirs along
         turn = now.is_due(self._alive.body)
-        alive = self._alive.take(np.flatnonzero(turn))
+        alive = taken(self._alive, np.flatnonzero(turn))
         if len(alive) == 0:
             return
         expected, rho_expected, warps = carried(self.intrinsics, alive.uv, alive.rho, alive.slope,
@@ -130,8 +124,8 @@ class PointAnchors:
         in_camera = pinhole.back_project(self.intrinsics, uv, 1.0 / rho)
         xyz = np.einsum("nij,nj->ni", poses[:, :3, :3], in_camera) + poses[:, :3, 3]
         numbers = self.features.add_landmarks(body, xyz)
-        self._alive = alive.join(_Anchors(numbers, body, self._atlas.put(now.smooth, uv), poses, uv,
-                                          rho, slope, uv, np.zeros(n, np.int64)))
+        self._alive = joined([alive, _Anchors(numbers, body, self._atlas.put(now.smooth, uv), poses,
+                                              uv, rho, slope, uv, np.zeros(n, np.int64))])
         # Its share of the alignments' noise is known only from them: the batch fills it in.
         self.features.add_observations(PointObservations(
             numbers, np.full(n, now.row), uv, np.full((n, 2, 2), np.nan), rho,
@@ -139,7 +133,7 @@ class PointAnchors:
 
     def _keep(self, kept: Array) -> None:
         self._atlas.release(self._alive.slot[~kept])
-        self._alive = self._alive.take(np.flatnonzero(kept))
+        self._alive = taken(self._alive, np.flatnonzero(kept))
 
     def _surface(self, now: FrameBodies, uv: Array) -> SurfacePatches:
         return fit_surfaces(now.current.rho, now.current.label_index, uv,

@@ -6,7 +6,7 @@ each across the line only, and a robust straight fit gives the offsets of the en
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from slam.geometry.arrays import Array
 from slam.geometry.line import orthonormal_from_plucker, plucker_from_points
 from slam.line_sightings import packed
 from slam.map import STATIC, Features, LineLandmarks, LineObservations
+from slam.tables import joined, taken
 from slam.types import Intrinsics, Segments2D
 
 _OUTSIDE_PX = -1e6      # where what has no place in the image is put
@@ -52,13 +53,6 @@ class _Lines:
     def __len__(self) -> int:
         return len(self.number)
 
-    def take(self, index: Array) -> _Lines:
-        return _Lines(*(getattr(self, f.name)[index] for f in fields(self)))
-
-    def join(self, other: _Lines) -> _Lines:
-        return _Lines(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)])
-                        for f in fields(self)))
-
 
 class LineAnchors:
     """Finds lines again in each frame, and takes up the tracker's where there are too few."""
@@ -79,7 +73,7 @@ class LineAnchors:
         """Record one frame's sightings of the lines that are known."""
         self._keep(now.has(self._alive.body))
         turn = now.is_due(self._alive.body)
-        alive = self._alive.take(np.flatnonzero(turn))
+        alive = taken(self._alive, np.flatnonzero(turn))
         if len(alive) == 0:
             return
         ends, rho_ends, start, normal, t, matches = self._aligned(now, alive)
@@ -172,8 +166,8 @@ class LineAnchors:
         lines = packed(orthonormal_from_plucker(plucker_from_points(both[:, 0], both[:, 1])))
         numbers = self.features.add_landmarks(body, lines)
         slots = self._atlas.put(now.smooth, uv.reshape(-1, 2)).reshape(n, -1)
-        self._alive = self._alive.join(_Lines(numbers, body, slots, T, ends, rho, ends,
-                                              np.zeros(n, np.int64)))
+        self._alive = joined([self._alive, _Lines(numbers, body, slots, T, ends, rho, ends,
+                                                  np.zeros(n, np.int64))])
         # Its share of the alignments' noise is known only from them: the batch fills it in.
         self.features.add_observations(LineObservations(
             numbers, np.full(n, now.row), ends, np.full((n, 2, 2), np.nan), rho,
@@ -181,7 +175,7 @@ class LineAnchors:
 
     def _keep(self, kept: Array) -> None:
         self._atlas.release(self._alive.slot[~kept].reshape(-1))
-        self._alive = self._alive.take(np.flatnonzero(kept))
+        self._alive = taken(self._alive, np.flatnonzero(kept))
 
 
 def _inverse(depth_m: Array) -> Array:

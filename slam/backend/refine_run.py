@@ -23,8 +23,8 @@ from slam.map import (
     Observations,
     PointLandmarks,
     PointObservations,
-    taken,
 )
+from slam.tables import taken
 from slam.types import Intrinsics, ObjectTrack, SlamResult
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Generic
 
 import numpy as np
@@ -28,9 +28,8 @@ from slam.map import (
     MapRecord,
     Observations,
     PointLandmarks,
-    joined,
-    taken,
 )
+from slam.tables import joined, taken
 from slam.types import Intrinsics
 
 
@@ -43,13 +42,6 @@ class _Alive:
     place: Array         # (P, 3) m or (P, 10), as known best
     information: Array   # (P, D, D) of what has left the window
     held: Array          # (P, 3) or (P, 10), where that would have them
-
-    def take(self, index: Array) -> _Alive:
-        return _Alive(*(getattr(self, f.name)[index] for f in fields(self)))
-
-    def join(self, other: _Alive) -> _Alive:
-        return _Alive(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)])
-                        for f in fields(self)))
 
 
 class _Seen(Generic[Landmarks, Observations]):
@@ -73,10 +65,10 @@ class _Seen(Generic[Landmarks, Observations]):
         """The newest frame's landmarks and sightings; all in the order of bodies and landmarks."""
         fresh = self.features.landmarks_after(self._last)
         for new in fresh:
-            self.alive = self.alive.join(self._fresh(new))
+            self.alive = joined([self.alive, self._fresh(new)])
             self._last = int(new.number.max(initial=self._last))
         if fresh:
-            self.alive = self.alive.take(np.lexsort((self.alive.number, self.alive.body)))
+            self.alive = taken(self.alive, np.lexsort((self.alive.number, self.alive.body)))
         alive = self.alive
         seen = joined([self.raw, *self.features.observations_of(row)])
         # A landmark that was away for longer than a window has been forgotten.
@@ -125,7 +117,7 @@ class _Seen(Generic[Landmarks, Observations]):
         """Forget frames before the next window's, and landmarks that no frame sees any longer."""
         self.raw = taken(self.raw, np.flatnonzero(self.raw.frame >= first_row))
         seen = np.isin(self.alive.number, self.raw.landmark)
-        self.alive = self.alive.take(np.flatnonzero(seen))
+        self.alive = taken(self.alive, np.flatnonzero(seen))
         self._scales = {body: self._scales[body] for body in bodies if body in self._scales}
 
 

@@ -15,8 +15,8 @@ from slam.backend.config import BundleConfig
 from slam.backend.linearise import linearise
 from slam.factors import landmark_terms
 from slam.geometry import se3
-from slam.map import taken
 from slam.residuals import camera_tuple
+from slam.tables import taken
 
 
 def test_the_batch_takes_drift_away():

@@ -15,7 +15,8 @@ from slam.backend.window import SlidingWindow
 from slam.geometry import camera as pinhole
 from slam.geometry import line
 from slam.line_sightings import packed
-from slam.map import LineObservations, MapRecord, taken
+from slam.map import LineObservations, MapRecord
+from slam.tables import taken
 
 PX, RHO = 0.05, 0.001
 FORMS = ["well_conditioned", "paper"]        # of eq. (5)

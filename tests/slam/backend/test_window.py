@@ -10,7 +10,8 @@ from point_world import CAMERA, odometry, position_rms, stream, world
 from slam.backend.config import BundleConfig, WindowConfig
 from slam.backend.window import SlidingWindow
 from slam.geometry import se3
-from slam.map import STATIC, MapRecord, taken
+from slam.map import STATIC, MapRecord
+from slam.tables import taken
 
 FRAMES = 24
 
