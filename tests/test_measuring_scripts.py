@@ -83,6 +83,15 @@ def test_loops_are_counted_where_there_are_none(capsys: pytest.CaptureFixture[st
     assert measured._gain(pairs).split(" | ")[2].startswith("0.3536 (0.25")
 
 
+def test_forms_of_the_batch_are_held_against_ours_seed_by_seed(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))        # it takes its scores from another script
+    forms = script("compare_formulations")
+    runs = [{forms.OURS: {"ATE": 2.0 * scale}, "other": {"ATE": scale}} for scale in (1.0, 7.0)]
+    assert forms._ratio(runs, "other", "ATE") == "0.50 (0.50 to 0.50)"
+    assert forms._ratio(runs[:1], "other", "ATE") == "0.50"
+    assert forms._ratio(runs, "other", "batch s") == ""
+
+
 def test_breaking_points_are_read_off_a_suites_curves(tmp_path: Path,
                                                       capsys: pytest.CaptureFixture[str]):
     def run(value: float, seed: int, place: str, error: float) -> dict:
