@@ -12,13 +12,15 @@ the angle (slam.geometry.line.OrthonormalLines).
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numba
 import numpy as np
 
 from slam.geometry import camera as pinhole
 from slam.geometry.arrays import Array
 from slam.geometry.camera import Pinhole
-from slam.geometry.line import OrthonormalLines
+from slam.geometry.line import OrthonormalLines, feet_of_origin, plucker_from_orthonormal
 from slam.geometry.se3_rows import exp_so3_row, log_so3_row
 from slam.line_factors import ZERO_M, LineTerms
 from slam.residuals import camera_tuple
@@ -130,6 +132,26 @@ def ends_in_metres(ends_px: Array, covariance: Array, rho: Array, rho_sigma: Arr
     across = np.einsum("mii->mi", covariance) / (camera.fx * safe) ** 2
     along = np.where(known, rho_sigma, np.inf) / safe**2
     return pinhole.rays(camera, ends_px) / safe[..., None], np.sqrt(across + along**2)
+
+
+def seen_stretches(lines: Array, landmark: Array, ends_body: Array) -> Array:
+    """Of each line the segment (L, 2, 3), m, between where its ends were seen; NaN: never.
+
+    Args:
+        lines: (L, 10), from `packed`.
+        landmark: (M,) rows of `lines`, ascending.
+        ends_body: (M, 2, 3) the observed ends in the frame of the lines; NaN: without depth.
+    """
+    plucker = plucker_from_orthonormal(unpacked(lines))
+    along = np.einsum("mei,mi->me", ends_body, plucker.direction[landmark])
+    start = np.searchsorted(landmark, np.arange(len(lines) + 1))
+    stretch = np.full((len(lines), 2), np.nan)
+    for n, (first, last) in enumerate(pairwise(start)):
+        known = along[first:last][np.isfinite(along[first:last]).all(axis=1)]
+        if len(known):
+            stretch[n] = np.median(known, axis=0)
+    return np.asarray(feet_of_origin(plucker)[:, None]
+                      + stretch[..., None] * plucker.direction[:, None])
 
 
 @numba.njit(cache=True)

@@ -26,7 +26,7 @@ from slam.backend.chain_families import (
 from slam.backend.config import BundleConfig, ChainConfig
 from slam.backend.descend import levenberg_marquardt
 from slam.backend.pose_system import one_thread
-from slam.backend.refine_run import of_body, with_covariances, with_paths
+from slam.backend.refine_run import of_body, static_segments, with_covariances, with_paths
 from slam.factors import PairTerms, odometry_terms, smooth_motion_terms
 from slam.geometry import se3
 from slam.geometry.arrays import Array
@@ -293,7 +293,9 @@ def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
             L.append(se3.orthonormalised(motion @ L[-1]))
         paths[number] = se3.inverse(np.array(L)) @ state.X[body.at]
     static = problem.numbers.index(STATIC)
-    made = with_paths(record, tracked, paths, state.place[static][0])
+    points, lines = state.place[static]
+    made = replace(with_paths(record, tracked, paths), points_world=points,
+                   lines_world=static_segments(record, state.X, lines, camera, bundle))
     if bundle.covariances:
         made = with_covariances(made, record, *problem.covariances(state))
     return replace(made, timings_ms=dict(made.timings_ms)

@@ -14,6 +14,7 @@ from slam.backend.config import BundleConfig
 from slam.estimation.covariance import moved_covariance
 from slam.geometry import se3
 from slam.geometry.arrays import Array
+from slam.line_sightings import ends_in_metres, seen_stretches
 from slam.map import (
     STATIC,
     BodyRecord,
@@ -40,13 +41,15 @@ def refine_run(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
               for number, body in record.bodies.items() if len(body.frames) > 1}
     if STATIC not in bodies:
         return tracked
-    made = _run_of(record, tracked, {n: b.T_body_camera for n, b in bodies.items()})
+    made = with_paths(record, tracked, {n: b.T_body_camera for n, b in bodies.items()})
     of_steps = bodies[STATIC].step_covariance
     if of_steps is not None:
         made = with_covariances(made, record, of_steps,
                                 _covariances_of_motions(made.T_world_camera, record, bodies))
+    static = bodies[STATIC]
+    segments = static_segments(record, static.T_body_camera, static.lines_body, camera, config)
     timings = dict(tracked.timings_ms) | {"global batch": 1e3 * (perf_counter() - start)}
-    return replace(made, points_world=bodies[STATIC].xyz_body, timings_ms=timings)
+    return replace(made, points_world=static.xyz_body, lines_world=segments, timings_ms=timings)
 
 
 def _covariances_of_motions(X: Array, record: MapRecord, bodies: dict[int, BundleResult]
@@ -98,21 +101,32 @@ def _without_gaps(body: BodyRecord) -> tuple[Array, Array]:
     return frames[i], i
 
 
-def with_paths(record: MapRecord, tracked: SlamResult, paths: dict[int, Array],
-               points_world: Array) -> SlamResult:
-    """The run with T_body_camera (F, 4, 4) of each body, and static points, of another batch."""
-    return replace(_run_of(record, tracked, paths), points_world=points_world)
+def static_segments(record: MapRecord, T_world_camera: Array, lines: Array, camera: Intrinsics,
+                    config: BundleConfig) -> Array:
+    """(L, 2, 3) m: the static world's lines between where their ends were seen.
+
+    Args:
+        T_world_camera: (F, 4, 4) of the static world's frames; lines: (L, 10), as `of_body` has
+            them, where the batch has put them.
+    """
+    _, s = of_body(record.lines, record.bodies[STATIC], STATIC, config)
+    ends, sigma_m = ends_in_metres(s.ends_px, s.covariance, s.rho, s.rho_sigma, camera)
+    T = T_world_camera[s.frame][:, None]
+    ends = (T[..., :3, :3] @ ends[..., None])[..., 0] + T[..., :3, 3]
+    ends[np.isinf(sigma_m)] = np.nan
+    segments = seen_stretches(lines, s.landmark, ends)
+    return np.asarray(segments[np.isfinite(segments).all(axis=(1, 2))])
 
 
 def run_of_record(record: MapRecord, tracked: SlamResult) -> SlamResult:
     """The run's result with poses and object motions as the record has them."""
     paths = {number: np.array(body.poses) for number, body in record.bodies.items()
              if len(body.frames) > 1}
-    return _run_of(record, tracked, paths) if STATIC in paths else tracked
+    return with_paths(record, tracked, paths) if STATIC in paths else tracked
 
 
-def _run_of(record: MapRecord, tracked: SlamResult, paths: dict[int, Array]) -> SlamResult:
-    """The tracked run with T_body_camera (F, 4, 4) of each body in its place."""
+def with_paths(record: MapRecord, tracked: SlamResult, paths: dict[int, Array]) -> SlamResult:
+    """The tracked run with the paths T_body_camera (F, 4, 4) of each body in their place."""
     X = _camera_path(tracked.T_world_camera, record.bodies[STATIC].frames, paths[STATIC])
     objects = dict(tracked.objects)
     indices = np.array(record.indices)

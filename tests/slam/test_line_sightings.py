@@ -135,6 +135,20 @@ def test_ends_in_metres_are_as_far_off_as_their_noise():
     assert np.isfinite(unknown[0]).all()
 
 
+def test_a_line_reaches_from_one_observed_end_to_the_other():
+    A = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 3.0], [0.0, 1.0, 4.0]])
+    B = A + np.diag([1.0, 2.0, 3.0])
+    lines = ls.packed(line.orthonormal_from_plucker(line.plucker_from_points(A, B)))
+    landmark = np.array([0, 0, 0, 1, 1])
+    ends = np.stack([A, B], axis=1)[landmark]
+    ends[0] += [0.0, 0.3, 0.0]               # beside the line
+    ends[1, 0] = [-9.0, 0.0, 2.0]            # slid far along it: of three, the middle one counts
+    ends[4] = np.nan                         # without depth
+    found = ls.seen_stretches(lines, landmark, ends)
+    assert_allclose(found[:2], np.stack([A, B], axis=1)[:2], atol=1e-12)
+    assert np.isnan(found[2]).all()
+
+
 @given(plucker_lines(N), vectors(N, 4, limit=0.5))
 @settings(max_examples=40, deadline=None)
 def test_moved_lines_are_updated_lines_and_back(lines, delta):

@@ -263,6 +263,12 @@ def test_the_run_is_made_of_all_bodies(batch, of_objects):
         for P in (made.step_covariance[1:], made.objects[1].covariance):
             assert np.all(np.linalg.eigvalsh(P) > 0)
         assert np.isfinite(made.points_world).all()
+        assert made.lines_world.shape == (8, 2, 3)
+        s = record.lines.observations()
+        last = s.ends_px[(s.frame == 6) & (s.landmark < 8)].reshape(-1, 2)     # the static ones
+        poses = np.repeat(made.T_world_camera[6][None], 16, 0)
+        uv, _ = seen(poses, made.lines_world.reshape(-1, 3))
+        assert np.median(np.abs(uv - last)) < 1.0
         assert made.timings_ms["global batch"] > 0
     before, after = np.array(errors[::2]).mean(axis=0), np.array(errors[1::2]).mean(axis=0)
     assert np.all(after < [0.5, of_objects] * before)

@@ -233,6 +233,26 @@ def test_a_global_batch_may_be_asked_for_at_any_time(scene):
     assert_array_equal(system.finish().T_world_camera, run(frames[:8])[1].T_world_camera)
 
 
+@pytest.mark.parametrize("name", ["sdpl-batch", "sdpl-paper-batch"])
+def test_the_map_holds_segments_that_lie_on_what_stands(name):
+    count = 6
+    camera = bw.hand_held(count)
+    path = bw.standing(-0.2, 0.1, -0.8, count)
+    box = bw.Box((0.8, 0.6, 0.5), path)
+    frames = bw.sequence(camera, {3: box}, with_flow=False)
+    system = slam.make(name, bw.CAMERA)
+    for frame in frames:
+        system.process(without_masks(frame))
+    segments = system.finish().lines_world
+    assert len(segments) >= 5
+    world = se3.transform_points(camera[0], segments.reshape(-1, 3))
+    in_box = np.abs(se3.transform_points(se3.inverse(path[0]), world)) / box.half_m
+    in_room = np.abs(world / bw.ROOM)
+    beside = np.minimum(*(np.abs(part.max(axis=1) - 1.0) for part in (in_box, in_room)))
+    assert np.quantile(beside, 0.8) < 0.03               # on a face of the box or on a wall
+    assert np.median(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)) > 0.2
+
+
 @pytest.mark.parametrize("own_flow", [True, False])
 def test_what_bends_is_reported_and_weighs_less(own_flow):
     """Two boxes under one mask that move apart, beside one that is rigid."""
