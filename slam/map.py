@@ -163,11 +163,11 @@ class Features(Generic[Landmarks, Observations]):
 
     def landmarks(self) -> Landmarks:
         """All landmarks so far."""
-        return joined([self.no_landmarks, *self._landmarks])
+        return joined(self.no_landmarks, *self._landmarks)
 
     def observations(self) -> Observations:
         """All sightings so far, by frame."""
-        return joined([self.no_observations, *self._observations])
+        return joined(self.no_observations, *self._observations)
 
     def forget(self) -> None:
         """Let go of all that was added; numbers go on from where they are."""

@@ -6,8 +6,7 @@ Gaussian, and ρ = 0 is a point at infinity. Unknown values have an infinite sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,21 +50,6 @@ class LineMatches:
 
     def __len__(self) -> int:
         return len(self.endpoints_a)
-
-
-Matches = TypeVar("Matches", PointMatches, LineMatches)
-
-
-def take(matches: Matches, index: Array) -> Matches:
-    """The matches that `index` (a mask or numbers) picks, in that order."""
-    return replace(matches, **{f.name: getattr(matches, f.name)[index] for f in fields(matches)})
-
-
-def join(*parts: Matches) -> Matches:
-    """All the matches of `parts`, one after another."""
-    first = parts[0]
-    return replace(first, **{f.name: np.concatenate([getattr(p, f.name) for p in parts])
-                             for f in fields(first)})
 
 
 def no_lines() -> LineMatches:

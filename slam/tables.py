@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,7 +16,7 @@ Table = TypeVar("Table", bound="DataclassInstance")
 """A dataclass whose fields are all arrays with one entry a row."""
 
 
-def joined(parts: Sequence[Table]) -> Table:
+def joined(*parts: Table) -> Table:
     """The rows of all parts, one after another."""
     return type(parts[0])(*(np.concatenate([getattr(p, f.name) for p in parts])
                             for f in fields(parts[0])))

@@ -124,8 +124,8 @@ class PointAnchors:
         in_camera = pinhole.back_project(self.intrinsics, uv, 1.0 / rho)
         xyz = np.einsum("nij,nj->ni", poses[:, :3, :3], in_camera) + poses[:, :3, 3]
         numbers = self.features.add_landmarks(body, xyz)
-        self._alive = joined([alive, _Anchors(numbers, body, self._atlas.put(now.smooth, uv), poses,
-                                              uv, rho, slope, uv, np.zeros(n, np.int64))])
+        self._alive = joined(alive, _Anchors(numbers, body, self._atlas.put(now.smooth, uv), poses,
+                                             uv, rho, slope, uv, np.zeros(n, np.int64)))
         # Its share of the alignments' noise is known only from them: the batch fills it in.
         self.features.add_observations(PointObservations(
             numbers, np.full(n, now.row), uv, np.full((n, 2, 2), np.nan), rho,

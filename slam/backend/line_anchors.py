@@ -166,8 +166,8 @@ class LineAnchors:
         lines = packed(orthonormal_from_plucker(plucker_from_points(both[:, 0], both[:, 1])))
         numbers = self.features.add_landmarks(body, lines)
         slots = self._atlas.put(now.smooth, uv.reshape(-1, 2)).reshape(n, -1)
-        self._alive = joined([self._alive, _Lines(numbers, body, slots, T, ends, rho, ends,
-                                                  np.zeros(n, np.int64))])
+        self._alive = joined(self._alive, _Lines(numbers, body, slots, T, ends, rho, ends,
+                                                 np.zeros(n, np.int64)))
         # Its share of the alignments' noise is known only from them: the batch fills it in.
         self.features.add_observations(LineObservations(
             numbers, np.full(n, now.row), ends, np.full((n, 2, 2), np.nan), rho,

@@ -65,12 +65,12 @@ class _Seen(Generic[Landmarks, Observations]):
         """The newest frame's landmarks and sightings; all in the order of bodies and landmarks."""
         fresh = self.features.landmarks_after(self._last)
         for new in fresh:
-            self.alive = joined([self.alive, self._fresh(new)])
+            self.alive = joined(self.alive, self._fresh(new))
             self._last = int(new.number.max(initial=self._last))
         if fresh:
             self.alive = taken(self.alive, np.lexsort((self.alive.number, self.alive.body)))
         alive = self.alive
-        seen = joined([self.raw, *self.features.observations_of(row)])
+        seen = joined(self.raw, *self.features.observations_of(row))
         # A landmark that was away for longer than a window has been forgotten.
         self.raw = taken(seen, np.flatnonzero(np.isin(seen.landmark, alive.number)))
         by_number = np.argsort(alive.number)

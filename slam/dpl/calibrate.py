@@ -22,7 +22,8 @@ from slam.frontend.refine import RefineConfig, refine_matches
 from slam.frontend.surface import carried, fit_surfaces
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.matches import PointMatches, no_lines, take
+from slam.matches import PointMatches, no_lines
+from slam.tables import taken
 from slam.types import Intrinsics
 
 _LEAST = 50              # points found again, from which an offset is read
@@ -129,9 +130,9 @@ class DepthCalibration:
             slope = np.zeros((n, 2))
         known = np.flatnonzero(rho > 0)
         one = np.zeros(n, np.int64)
-        return take(PointMatches(uv, rho, sigmas, uv, np.tile(np.eye(2), (n, 1, 1)), np.zeros(n),
-                                 np.full(n, np.inf), np.zeros((n, 2)), one, one),
-                    known), slope[known]
+        return taken(PointMatches(uv, rho, sigmas, uv, np.tile(np.eye(2), (n, 1, 1)), np.zeros(n),
+                                  np.full(n, np.inf), np.zeros((n, 2)), one, one),
+                     known), slope[known]
 
     def _found_again(self, points: PointMatches, slope: Array, before: Picture, T_a_b: Array,
                      now: Picture) -> PointMatches:
@@ -144,5 +145,5 @@ class DepthCalibration:
         aligned = refine_matches(before.smooth, now.smooth, points.uv_a, uv, self._align, warp,
                                  surface)
         good = np.flatnonzero(aligned.converged)
-        return replace(take(points, good), uv_b=aligned.uv_current[good],
+        return replace(taken(points, good), uv_b=aligned.uv_current[good],
                        flow_cov=aligned.covariance[good])

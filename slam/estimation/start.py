@@ -10,8 +10,9 @@ from slam.geometry import camera as pinhole
 from slam.geometry import se3
 from slam.geometry.arrays import Array
 from slam.geometry.resection import resect
-from slam.matches import PointMatches, take
+from slam.matches import PointMatches
 from slam.residuals import camera_tuple
+from slam.tables import taken
 from slam.types import Intrinsics
 
 _LARGEST_TURN = 1.0    # rad from what is expected; a small thing's mirror image is farther
@@ -32,7 +33,7 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
     usable = own[points.rho_a[own] > 0]
     if len(usable) < config.min_points:
         return None
-    sample = take(points, usable[:: max(1, len(usable) // config.max_points)])
+    sample = taken(points, usable[:: max(1, len(usable) // config.max_points)])
     xyz = pinhole.back_project(camera, sample.uv_a, 1.0 / sample.rho_a)
     threshold = max(config.threshold_px, 4.0 * sigma_px)
     cost = truncated_costs(candidates, xyz, sample, camera, threshold)

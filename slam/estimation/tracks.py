@@ -28,17 +28,3 @@ def empty_points() -> Points2D:
 def empty_segments() -> Segments2D:
     return Segments2D(np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0, np.int64),
                       np.zeros(0, np.int32))
-
-
-def join_points(first: Points2D, second: Points2D) -> Points2D:
-    return Points2D(np.concatenate([first.uv_px, second.uv_px]),
-                    np.concatenate([first.depth_m, second.depth_m]),
-                    np.concatenate([first.track_id, second.track_id]),
-                    np.concatenate([first.instance_id, second.instance_id]))
-
-
-def join_segments(first: Segments2D, second: Segments2D) -> Segments2D:
-    return Segments2D(np.concatenate([first.endpoints_px, second.endpoints_px]),
-                      np.concatenate([first.depth_m, second.depth_m]),
-                      np.concatenate([first.track_id, second.track_id]),
-                      np.concatenate([first.instance_id, second.instance_id]))

@@ -15,7 +15,8 @@ from slam.frontend.refine_lines import refine_segments
 from slam.frontend.sampling import inside, nearest
 from slam.frontend.surface import fit_surfaces
 from slam.geometry.arrays import Array
-from slam.matches import LineMatches, PointMatches, take
+from slam.matches import LineMatches, PointMatches
+from slam.tables import taken
 from slam.types import FlowField, Points2D, Segments2D
 
 CORNER_KIND = 2          # PointMatches.kind of corners that dense flow carried
@@ -138,7 +139,7 @@ def align_segments(lines: LineMatches, expected_b: Array, smooth_a: Array,
     refined = refine_segments(smooth_a, smooth_b, lines.endpoints_a, expected_b)
     index = np.flatnonzero(refined.converged)
     variance = np.einsum("lii->l", refined.covariance[index]) / 2.0
-    return replace(take(lines, index), endpoints_b=refined.endpoints_px[index],
+    return replace(taken(lines, index), endpoints_b=refined.endpoints_px[index],
                    flow_sigma=np.sqrt(variance)), index
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from slam.config import GridConfig, NoiseConfig
 from slam.geometry.arrays import Array
-from slam.matches import PointMatches, join
+from slam.matches import PointMatches
+from slam.tables import joined
 from slam.types import FlowField
 
 GRID_KIND = 0      # PointMatches.kind of cells on the static world
@@ -46,10 +47,10 @@ def grid_matches(flow: FlowField, rho_a: Array, rho_b: Array, group_a: Array, gr
     objects, group = _cell_sums(config.object_cell_px, 1, False, *arguments)
     variance = (depth_scale * noise.inverse_depth_sigma) ** 2
     pixels = config.static_cell_px * -(-config.static_cell_px // static_rows)
-    return join(_matches(static, np.zeros(len(static), np.int64), pixels, GRID_KIND, config, noise,
-                         variance),
-                _matches(objects, group, config.object_cell_px**2, OBJECT_GRID_KIND, config, noise,
-                         variance))
+    return joined(_matches(static, np.zeros(len(static), np.int64), pixels, GRID_KIND, config,
+                           noise, variance),
+                  _matches(objects, group, config.object_cell_px**2, OBJECT_GRID_KIND, config,
+                           noise, variance))
 
 
 @numba.njit(cache=True, nogil=True)

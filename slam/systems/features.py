@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.config import SdplConfig
-from slam.estimation.tracks import (
-    TrackNumbers,
-    empty_points,
-    empty_segments,
-    join_points,
-    join_segments,
-)
+from slam.estimation.tracks import TrackNumbers, empty_points, empty_segments
 from slam.frontend.follow import match_segments
 from slam.frontend.observe import Observation
 from slam.frontend.points import PointConfig, corner_response, detect_points
@@ -21,6 +15,7 @@ from slam.frontend.sampling import depth_at, nearest
 from slam.frontend.segments import cull_segments, detect_segments
 from slam.geometry.arrays import Array
 from slam.systems.judgement import Tracked
+from slam.tables import joined, taken
 from slam.types import Points2D, Segments2D
 
 
@@ -107,7 +102,7 @@ class FeatureTracker:
         uv, depth = uv[depth > 0], depth[depth > 0]
         ids, self._numbers = self._numbers.take(len(uv))
         new = Points2D(uv, depth, ids, nearest(labels, uv).astype(np.int32))
-        self.points = _one_per_cell(join_points(self.points, new), cell_px)
+        self.points = _one_per_cell(joined(self.points, new), cell_px)
 
     def _complete_segments(self, current: Observation, found: Array) -> None:
         """Segments found now confirm, correct and complete those that were carried."""
@@ -117,7 +112,7 @@ class FeatureTracker:
                              else self.segments.endpoints_px, self.segments.endpoints_px)
         fresh = found[np.setdiff1d(np.arange(len(found)), confirmed)]
         ids, self._numbers = self._numbers.take(len(fresh))
-        every = join_segments(
+        every = joined(
             Segments2D(endpoints, np.zeros((len(endpoints), 2)), self.segments.track_id,
                        self.segments.instance_id),
             Segments2D(fresh, np.zeros((len(fresh), 2)), ids, np.zeros(len(fresh), np.int32)))
@@ -148,9 +143,7 @@ def _one_per_cell(points: Points2D, cell_px: int) -> Points2D:
     order = np.lexsort((points.track_id, place))
     first = np.ones(len(points), bool)
     first[1:] = np.diff(place[order]) != 0
-    kept = np.sort(order[first])
-    return Points2D(points.uv_px[kept], points.depth_m[kept], points.track_id[kept],
-                    points.instance_id[kept])
+    return taken(points, np.sort(order[first]))
 
 
 def _among_longest(endpoints_px: Array, kept: Array, age: Array, count: int) -> Array:

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from slam.geometry.arrays import Array
-from slam.matches import LineMatches, PointMatches, join, take
+from slam.matches import LineMatches, PointMatches
+from slam.tables import joined, taken
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,14 @@ class Matched:
     @cached_property
     def every(self) -> PointMatches:
         """The cells, then the corners."""
-        return join(self.grid, self.corners)
+        return joined(self.grid, self.corners)
 
     def points(self, parked: Array) -> PointMatches:
         """All points; those of parked groups count for the static world too."""
         if len(parked) == 0:
             return self.every
-        still = take(self.every, np.isin(self.every.group, parked))
-        return join(self.every, replace(still, group=np.zeros_like(still.group)))
+        still = taken(self.every, np.isin(self.every.group, parked))
+        return joined(self.every, replace(still, group=np.zeros_like(still.group)))
 
     def without(self, groups: Array) -> Matched:
         """What is left when some groups are left out."""
@@ -40,7 +41,7 @@ class Matched:
             return self
         corners = np.flatnonzero(~np.isin(self.corners.group, groups))
         lines = np.flatnonzero(~np.isin(self.lines.group, groups))
-        return Matched(take(self.grid, ~np.isin(self.grid.group, groups)),
-                       take(self.corners, corners), self.slopes[corners],
+        return Matched(taken(self.grid, ~np.isin(self.grid.group, groups)),
+                       taken(self.corners, corners), self.slopes[corners],
                        self.corner_index[corners],
-                       take(self.lines, lines), self.line_index[lines])
+                       taken(self.lines, lines), self.line_index[lines])

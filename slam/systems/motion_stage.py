@@ -30,10 +30,11 @@ from slam.frontend.support import surface_image
 from slam.frontend.surface import carried
 from slam.geometry import se3
 from slam.geometry.arrays import Array
-from slam.matches import no_lines, take
+from slam.matches import no_lines
 from slam.systems.judgement import Solved, Tracked, followers_of, judged, lost
 from slam.systems.matched import Matched
 from slam.systems.stopwatch import Stopwatch
+from slam.tables import taken
 from slam.types import FlowField, Frame, Intrinsics
 
 if TYPE_CHECKING:
@@ -256,7 +257,7 @@ class MotionStage:
             # Errors of estimated flow are alike over many cells: where aligned corners are
             # enough, cells would only pull.
             enough = np.bincount(aligned.group, minlength=len(T_b_a)) >= self.config.refine.enough
-            grid = take(grid, ~enough[grid.group])
+            grid = taken(grid, ~enough[grid.group])
         return Matched(grid, aligned, matched.slopes[index], matched.corner_index[index],
                        lines, line_index)
 

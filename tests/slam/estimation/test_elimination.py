@@ -15,8 +15,9 @@ from slam.estimation.motion import NoiseScales, refine_motions
 from slam.estimation.point_family import PointFamily
 from slam.geometry import camera as pinhole
 from slam.geometry import se3
-from slam.matches import no_lines, take
+from slam.matches import no_lines
 from slam.residuals import line_terms
+from slam.tables import taken
 from two_views import (
     CAMERA,
     no_points,
@@ -151,7 +152,7 @@ def test_a_match_that_is_not_finite_counts_for_nothing():
     bad[7] = np.nan
     start = perturbed(T, rng)[None]
     with_nan = refine_motions(start, replace(m, uv_b=bad), no_lines(), CAMERA, EXACT, ONE, False)
-    without = refine_motions(start, take(m, np.arange(80) != 7), no_lines(), CAMERA, EXACT, ONE,
+    without = refine_motions(start, taken(m, np.arange(80) != 7), no_lines(), CAMERA, EXACT, ONE,
                              False)
     assert_allclose(with_nan.T_a_b, without.T_a_b, atol=1e-6)
     assert not with_nan.point_chi[7] < EXACT.point_gate

@@ -17,7 +17,8 @@ from slam.estimation.motion import (
     refine_motions,
 )
 from slam.geometry import se3
-from slam.matches import join, no_lines
+from slam.matches import no_lines
+from slam.tables import joined
 from two_views import CAMERA, no_points, perturbed, random_lines, random_points, some_motion
 
 WIDE = MotionConfig(kernel="huber", kernel_width=1e6)
@@ -28,10 +29,10 @@ def scene(seed, n=150, lines=20, **noise):
     """Two motions seen by points and lines: (2, 4, 4) true poses, points, lines."""
     rng = np.random.default_rng(seed)
     T = np.stack([some_motion(rng), some_motion(rng)])
-    points = join(random_points(rng, T[0], n, **noise), random_points(rng, T[1], n, group=1,
-                                                                      kind=1, **noise))
-    return rng, T, points, join(random_lines(rng, T[0], lines),
-                                random_lines(rng, T[1], lines, group=1))
+    points = joined(random_points(rng, T[0], n, **noise), random_points(rng, T[1], n, group=1,
+                                                                        kind=1, **noise))
+    return rng, T, points, joined(random_lines(rng, T[0], lines),
+                                  random_lines(rng, T[1], lines, group=1))
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["huber", "cauchy"]))
@@ -155,8 +156,8 @@ def test_the_noise_of_lines_is_measured_from_their_residuals(true_over_stated):
 def test_noise_of_two_groups_is_told_apart():
     rng = np.random.default_rng(13)
     T = np.stack([some_motion(rng), some_motion(rng)])
-    points = join(random_points(rng, T[0], 1500, 0.1, assumed_flow=0.3),
-                  random_points(rng, T[1], 1500, 0.9, assumed_flow=0.3, group=1, kind=0))
+    points = joined(random_points(rng, T[0], 1500, 0.1, assumed_flow=0.3),
+                    random_points(rng, T[1], 1500, 0.9, assumed_flow=0.3, group=1, kind=0))
     found = refine_motions(T, points, no_lines(), CAMERA, MotionConfig(), ONE)
     assert found.flow_scale[0, 0] == pytest.approx(1 / 3, rel=0.1)
     assert found.flow_scale[1, 0] == pytest.approx(3.0, rel=0.1)
@@ -165,8 +166,8 @@ def test_noise_of_two_groups_is_told_apart():
 def test_too_few_matches_take_the_static_worlds_scale():
     rng = np.random.default_rng(14)
     T = np.stack([some_motion(rng), some_motion(rng)])
-    points = join(random_points(rng, T[0], 500, 0.6, assumed_flow=0.3),
-                  random_points(rng, T[1], 15, 0.6, assumed_flow=0.3, group=1, kind=0))
+    points = joined(random_points(rng, T[0], 500, 0.6, assumed_flow=0.3),
+                    random_points(rng, T[1], 15, 0.6, assumed_flow=0.3, group=1, kind=0))
     found = refine_motions(T, points, no_lines(), CAMERA, MotionConfig(), ONE)
     assert found.flow_scale[1, 0] == found.flow_scale[0, 0]
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from slam.config import StartConfig
 from slam.estimation.start import start_motion
 from slam.geometry import se3
-from slam.matches import take
+from slam.tables import taken
 from two_views import CAMERA, random_points, some_motion
 
 CONFIG = StartConfig()
@@ -48,7 +48,7 @@ def test_a_good_prediction_is_kept():
 def test_without_depth_or_with_too_few_matches_there_is_none():
     rng = np.random.default_rng(2)
     m = random_points(rng, np.eye(4), 50)
-    assert start_motion(take(m, np.arange(CONFIG.min_points - 1)), CAMERA, CONFIG, 0.3,
+    assert start_motion(taken(m, np.arange(CONFIG.min_points - 1)), CAMERA, CONFIG, 0.3,
                         STILL) is None
     assert start_motion(replace(m, rho_a=np.zeros(50)), CAMERA, CONFIG, 0.3, STILL) is None
     few = np.where(np.arange(50) < CONFIG.min_points - 1, m.rho_a, 0.0)
