@@ -65,8 +65,6 @@ class BundleResult:
     T_body_camera: Array     # (F, 4, 4)
     xyz_body: Array          # (P, 3) m
     lines_body: Array        # (L, 10)
-    chi2: Array              # (M,) squared whitened length of each point sighting's residual
-    line_chi2: Array         # (N,) and of each line sighting's
     objective_before: float  # of the poses and landmarks given, and of those returned,
     objective: float         # both with the noise measured last
     uv_scale: float          # measured over assumed standard deviation of the points' pixels
@@ -101,13 +99,12 @@ def bundle(path: BodyPath, xyz_body: Array, sightings: PointObservations, camera
     before, after = problem.objective(begin), problem.objective(state)
     if not after <= before:
         state, after = begin, before
-        problem.objective(state)
-    problem.take_over()
-    return BundleResult(*state, problem.points.now.chi2, problem.lines.now.chi2, before, after,
-                        float(np.sqrt(problem.points.uv_scale2)),
-                        float(np.sqrt(problem.points.rho_scale2)),
-                        step_covariances(problem.reduced(0.0)[0], state.T_body_camera)
-                        if config.covariances else None)
+    covariance = None
+    if config.covariances:
+        problem.linearise(state)
+        covariance = step_covariances(problem.reduced(0.0)[0], state.T_body_camera)
+    return BundleResult(*state, before, after, float(np.sqrt(problem.points.uv_scale2)),
+                        float(np.sqrt(problem.points.rho_scale2)), covariance)
 
 
 class Problem:
