@@ -17,6 +17,9 @@ from slam.types import Intrinsics
 
 _LARGEST_TURN = 1.0    # rad from what is expected; a small thing's mirror image is farther
 _FITS = 0.3            # of the cost that matches without any motion have: no search is needed
+_CLEARLY = 0.95        # of another pose's cost: what is clearly better has less
+_FINENESS = (1.0, 0.5, 0.25, 0.125)   # of the threshold, at which a pose is judged
+_SEARCHED = ((1.0, 1), (0.25, 3))     # of the threshold, and of the iterations: two searches
 
 
 def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, sigma_px: float,
@@ -29,25 +32,58 @@ def start_motion(points: PointMatches, camera: Intrinsics, config: StartConfig, 
         candidates: (M, 4, 4) poses to try before P3P: the predicted motion, standing still.
         own: (K,) which of the matches move so; None: all.
     """
-    own = np.arange(len(points)) if own is None else own
-    usable = own[points.rho_a[own] > 0]
-    if len(usable) < config.min_points:
+    points = points if own is None else taken(points, own)
+    sample, xyz = _sampled(points, camera, config.max_points)
+    if len(sample) < config.min_points:
         return None
-    sample = taken(points, usable[:: max(1, len(usable) // config.max_points)])
-    xyz = pinhole.back_project(camera, sample.uv_a, 1.0 / sample.rho_a)
     threshold = max(config.threshold_px, 4.0 * sigma_px)
-    cost = truncated_costs(candidates, xyz, sample, camera, threshold)
-    best = int(np.argmin(cost))
-    if cost[best] <= _FITS * len(sample):
+    coarse = truncated_costs(candidates, xyz, sample, camera, threshold)
+    best = int(np.argmin(coarse))
+    if coarse[best] <= _FITS * len(sample):
         return np.array(candidates[best])
-    found = resect(xyz, sample.uv_b, camera, threshold, config.iterations)
-    if found is not None:
-        T_a_b = found[0]
-        turn = se3.rotation_angle(np.swapaxes(candidates[:, :3, :3], 1, 2) @ T_a_b[:3, :3])
-        if (turn.min() < _LARGEST_TURN
-                and truncated_costs(T_a_b[None], xyz, sample, camera, threshold)[0] < cost[best]):
-            return T_a_b
-    return np.array(candidates[best])
+    poses = np.concatenate([candidates, *_searched(xyz, sample, camera, threshold, config,
+                                                   candidates)])
+    cost = _fine_costs(poses, xyz, sample, camera, threshold)
+    cost[: len(candidates)] *= _CLEARLY
+    return np.array(poses[int(np.argmin(cost))])
+
+
+def _sampled(points: PointMatches, camera: Intrinsics, most: int) -> tuple[PointMatches, Array]:
+    """Evenly some of the matches that have depth, and their points (K, 3) in a."""
+    usable = np.flatnonzero(points.rho_a > 0)
+    sample = taken(points, usable[:: max(1, len(usable) // max(most, 1))])
+    return sample, pinhole.back_project(camera, sample.uv_a, 1.0 / sample.rho_a)
+
+
+def _searched(xyz: Array, sample: PointMatches, camera: Intrinsics, threshold_px: float,
+              config: StartConfig, candidates: Array) -> list[Array]:
+    """Poses (1, 4, 4) by P3P: of most support within the threshold, and within a part of it."""
+    found = [resect(xyz, sample.uv_b, camera, part * threshold_px, times * config.iterations)
+             for part, times in _SEARCHED]
+    poses = [pose for pose, _ in filter(None, found)]
+    turns = [se3.rotation_angle(np.swapaxes(candidates[:, :3, :3], 1, 2) @ T[:3, :3]).min()
+             for T in poses]
+    return [T[None] for T, turn in zip(poses, turns, strict=True) if turn < _LARGEST_TURN]
+
+
+def drawn_away(start: Array, refined: Array, points: PointMatches, camera: Intrinsics,
+               config: StartConfig, sigma_px: float) -> bool:
+    """Whether a pose (4, 4) fits the matches clearly better, finely, than what came of it."""
+    sample, xyz = _sampled(points, camera, len(points))
+    threshold = max(config.threshold_px, 4.0 * sigma_px)
+    before, after = _fine_costs(np.stack([start, refined]), xyz, sample, camera, threshold)
+    return bool(before < _CLEARLY * after)
+
+
+def _fine_costs(T_a_b: Array, xyz_a: Array, points: PointMatches, camera: Intrinsics,
+                threshold_px: float) -> Array:
+    """Truncated costs (M,) summed over ever smaller thresholds.
+
+    Where two things move otherwise, a pose between the two has both within a wide threshold and
+    fits neither.
+    """
+    return np.asarray(sum(truncated_costs(T_a_b, xyz_a, points, camera, part * threshold_px)
+                          for part in _FINENESS))
 
 
 def truncated_costs(T_a_b: Array, xyz_a: Array, points: PointMatches, camera: Intrinsics,

@@ -15,7 +15,7 @@ from slam.estimation.calibration import DepthOffset
 from slam.estimation.covariance import rotation_sigma
 from slam.estimation.depth_parts import common_depth_error
 from slam.estimation.motion import Motions, NoiseScales, refine_motions
-from slam.estimation.start import start_motion
+from slam.estimation.start import drawn_away, start_motion
 from slam.frontend.follow import (
     align_points,
     align_segments,
@@ -177,6 +177,7 @@ class MotionStage:
             rough = self._refine(matched, starts, none, first, remember=False)
             parked = self._standing(matched, rough, tracks, T_world_a,
                                     b.frame.stamp_s - a.frame.stamp_s)
+            rough = self._not_drawn_away(matched, starts, rough)
             starts = rough.T_a_b
             clock.lap("motion")
             if align:
@@ -185,6 +186,18 @@ class MotionStage:
         motions = self._refine(matched, starts, parked, config.motion, remember=True)
         clock.lap("motion")
         return motions, matched, parked
+
+    def _not_drawn_away(self, matched: Matched, starts: Array, rough: Motions) -> Motions:
+        """The first motions, with the starts of those groups that they fit less finely.
+
+        Flow from the images is trusted to a pixel: where much moves otherwise, that is wide enough
+        for a good start to be left for a pose between the two.
+        """
+        points, config = matched.every, self.config
+        back = [drawn_away(start, refined, taken(points, np.flatnonzero(points.group == group)),
+                           self.intrinsics, config.start, config.noise.flow_sigma_px)
+                for group, (start, refined) in enumerate(zip(starts, rough.T_a_b, strict=True))]
+        return replace(rough, T_a_b=np.where(np.array(back)[:, None, None], starts, rough.T_a_b))
 
     def _standing(self, matched: Matched, rough: Motions, tracks: dict[int, int],
                   T_world_a: Array, dt_s: float) -> Array:
