@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from simbench.errors import BadFile, UserError
+from simbench.errors import BadFile, UnknownName, UserError
 from simbench.metric_names import COVERAGES, SHOWN, Metric, find_metric, flat_metrics
 from simbench.run_folder import read_metrics
-from simbench.stated import MOST_SEED, mapping, number, text, whole
+from simbench.stated import MOST_SEED, items, mapping, not_negative, text, whole
 from simbench.storage import write_json
 from simbench.untrusted import read_json_object, read_yaml
 from simbench.versions import versions
@@ -53,7 +53,8 @@ def bless(place: Path, baseline: Path) -> Baseline:
 
     Raises:
         BadFile: no finished run or suite is there.
-        UserError: a run of it failed, so that there is nothing to hold others against.
+        UserError: a run of it failed or nothing was measured, so that there is nothing to hold
+            others against.
         OSError: the file cannot be written.
     """
     found = outcome_of(place)
@@ -62,6 +63,9 @@ def bless(place: Path, baseline: Path) -> Baseline:
         raise UserError(f"{place}: {len(bad)} of {len(found.runs)} runs were lost or failed, first "
                         f"{bad[0].case} {bad[0].system} seed {bad[0].seed}; mend them before "
                         "blessing")
+    if not any(run.values for run in found.runs):
+        raise UserError(f"{place}: none of {', '.join(m.name for m in found.metrics)} was "
+                        "measured: there is nothing to hold others against; run more frames")
     baseline.parent.mkdir(parents=True, exist_ok=True)
     write_json(baseline, {
         "schema": SCHEMA, "name": found.name, "versions": versions(),
@@ -99,19 +103,27 @@ def read_baseline(path: Path) -> Baseline:
     if value.get("schema") != SCHEMA:
         raise BadFile(f"{path}: schema is {value.get('schema')!r}, wanted {SCHEMA}; bless it again")
     try:
-        metrics = tuple(_metric(name, m) for name, m in value["metrics"].items())
-        return Baseline(str(value["name"]), metrics, tuple(_run(run) for run in value["runs"]))
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise BadFile(f"{path}: not a baseline ({type(error).__name__}: {error}); bless it again"
-                      ) from None
+        metrics = tuple(_metric(name, stated)
+                        for name, stated in mapping(value["metrics"], "metrics").items())
+        runs = tuple(_run(run) for run in items(value["runs"], "runs"))
+        if len({(*run.cell, run.seed) for run in runs}) < max(len(runs), 1):
+            raise ValueError("runs: none, or one stands there twice")
+        return Baseline(text(value["name"], "name"), metrics, runs)
+    except KeyError as error:
+        raise BadFile(f"{path}: not a baseline ({error} is missing); bless it again") from None
+    except (TypeError, AttributeError, ValueError) as error:
+        raise BadFile(f"{path}: not a baseline ({error}); bless it again") from None
+    except UnknownName as error:
+        raise BadFile(f"{path}: {error}") from None
 
 
-def _metric(name: str, value: Mapping[str, Any]) -> Metric:
-    known = find_metric(name)
-    tolerance = number(value["tolerance"], "tolerance")
-    if value["better"] not in ("lower", "higher") or tolerance < 0:
-        raise ValueError(f"metric {name:.40}")
-    return Metric(name, known.unit, value["better"], tolerance, bool(value["relative"]),
+def _metric(name: str, stated: Any) -> Metric:
+    known, value = find_metric(name), mapping(stated, name)
+    better = text(value["better"], f"better of {name}")
+    if better not in ("lower", "higher"):
+        raise ValueError(f"better of {name} is {better!r:.40}, wanted lower or higher")
+    tolerance = not_negative(value["tolerance"], f"tolerance of {name}")
+    return Metric(name, known.unit, better, tolerance, bool(value["relative"]),
                   known.floor, known.help)
 
 
@@ -121,7 +133,7 @@ def _run(value: Mapping[str, Any]) -> BlessedRun:
         text(value["system"], "system"), whole(value["seed"], "seed", 0, MOST_SEED),
         mapping(value["asked"], "asked"), text(value["status"], "status"),
         text(value["given_sha256"], "given_sha256"),
-        {name: number(found, f"{name:.40}")
+        {name: not_negative(found, f"{name:.40}")
          for name, found in mapping(value["values"], "values").items()})
 
 

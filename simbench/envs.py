@@ -98,6 +98,7 @@ class SceneEnv(gymnasium.Env[dict[str, Array], Array]):
         self._dials = self.spec_of_scene.resolve_dials(dials)
         self._size = size or (self.spec_of_scene.width, self.spec_of_scene.height)
         self._fps = self.spec_of_scene.fps if fps is None else float(fps)
+        self.spec_of_scene.check_view(self._size, self._fps, int(self.frames))
         self.metadata = {**self.metadata, "render_fps": round(self._fps)}
         self.observation_space: spaces.Space[Any] = _observation_space(
             *self._size, self.frames / self._fps)

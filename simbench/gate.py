@@ -79,7 +79,8 @@ def judge(baseline: Baseline, now: Baseline) -> Verdict:
     """Compare what came out now with the baseline.
 
     Raises:
-        UserError: they are not of the same sequences: another suite, scene, dial, seed or input.
+        UserError: they are not of the same sequences (another suite, scene, dial, seed or input),
+            or share nothing that can be compared.
     """
     pairs = _paired(baseline, now)
     changes = list(_changes(baseline.metrics, pairs))
@@ -87,6 +88,9 @@ def judge(baseline: Baseline, now: Baseline) -> Verdict:
             if old.status == "done" and new.status != "done"]
     lost += [f"{_name(new)}: no {name} any more" for old, new in pairs if new.status == "done"
              for name in old.values if name not in new.values]
+    if not changes and not lost:
+        raise UserError(f"nothing of {now.name} can be compared with the baseline: they share no "
+                        "measured metric; run more frames and bless anew")
     return Verdict(len(changes), tuple(c for c in changes if c.regressed),
                    tuple(c for c in changes if c.improved), tuple(lost),
                    tuple(_name(new) for old, new in pairs

@@ -55,8 +55,11 @@ def file_system(url: str, option: str = "") -> tuple[Any, str]:
                         f"{how_to_install('storage')}") from None
     try:
         files, root = fsspec.core.url_to_fs(url)
-    except (ImportError, ValueError) as error:
+    except ImportError as error:
         raise UserError(f"{where}: {error}") from None
+    except ValueError as error:
+        raise UserError(f"{where}: {error}; wanted a URL that fsspec knows, as s3://bucket/boxes"
+                        ) from None
     return files, str(root).rstrip("/")
 
 

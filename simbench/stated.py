@@ -23,6 +23,13 @@ def number(value: Any, key: str, farthest: float = sys.float_info.max) -> float:
     return value
 
 
+def not_negative(value: Any, key: str) -> float:
+    """A number of 0 or more."""
+    if number(value, key) < 0:
+        raise ValueError(f"{key} is {value!r:.40}, wanted a number of 0 or more")
+    return float(value)
+
+
 def text(value: Any, key: str) -> str:
     """A text."""
     if not isinstance(value, str):

@@ -76,7 +76,8 @@ def _no_number(word: str) -> float:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """YAML's safe loader without aliases: ten lines of them can stand for gigabytes."""
+    """YAML's safe loader without aliases, ten lines of which can stand for gigabytes, and without
+    keys that stand there twice, of which the first would be lost in silence."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -84,6 +85,15 @@ class _PlainLoader(yaml.SafeLoader):
             raise yaml.composer.ComposerError(None, None, "aliases are not allowed",
                                               event.start_mark)
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if (key.tag, str(key.value)) in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key.value!r:.40} stands there twice", key.start_mark)
+            seen.add((key.tag, str(key.value)))
+        return super().construct_mapping(node, deep)
 
 
 def read_yaml(path: Path, otherwise: str, most: int = 1_000_000) -> Any:

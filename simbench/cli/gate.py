@@ -19,7 +19,7 @@ def bless_command(place: Place, baseline: BaselineFile) -> None:
     from simbench.baseline import bless
 
     found = bless(place, baseline)
-    typer.echo(f"{baseline}: {found.name}, {len(found.runs)} runs, "
+    typer.echo(f"{baseline}: {found.name}, {_counted(len(found.runs), 'run')}, "
                f"{', '.join(metric.name for metric in found.metrics)}")
 
 
@@ -33,8 +33,8 @@ def gate_command(place: Place, baseline: BaselineFile) -> None:
 
     verdict = judge(read_baseline(baseline), outcome_of(place))
     if verdict.other_bytes:
-        typer.echo(f"note: {len(verdict.other_bytes)} sequences differ in their bytes from the "
-                   "baseline's (another processor, Mesa or library version), first: "
+        typer.echo(f"note: {_counted(len(verdict.other_bytes), 'sequence')} of other bytes than "
+                   "the baseline's (another processor, Mesa or library version), first: "
                    f"{verdict.other_bytes[0]}")
     for change in verdict.improvements:
         typer.echo(f"better: {change}")
@@ -48,4 +48,8 @@ def gate_command(place: Place, baseline: BaselineFile) -> None:
         typer.echo(f"gate failed: {len(verdict.regressions)} of {verdict.compared} comparisons "
                    f"are worse beyond noise, {len(verdict.lost)} runs or values are lost")
         raise typer.Exit(1)
-    typer.echo(f"gate passed: {verdict.compared} comparisons")
+    typer.echo(f"gate passed: {_counted(verdict.compared, 'comparison')}")
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"

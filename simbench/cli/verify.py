@@ -41,7 +41,9 @@ def verify_command(
         try:
             others = drawn_here(sequence)
         except UserError as error:
-            others = [f"its scene cannot be built here: {error}"]
+            typer.echo("certificate: whether it would be drawn the same here is not known: "
+                       f"{error}")
+            return
         for other in others:
             typer.echo(f"certificate: {other}")
         typer.echo("certificate: drawn here, its bytes could be others" if others else

@@ -26,13 +26,22 @@ class SequenceCache:
 
     Args:
         place: a path or a URL.
+    Raises:
+        UserError: fsspec, or what it needs for this kind of URL, is not installed.
     """
 
     def __init__(self, place: str) -> None:
         self.place = place.rstrip("/") or "/"
         self._remote = is_url(place)
         if self._remote:
-            file_system(place, "--cache")   # what is missing shows before a suite begins
+            file_system(place, "--cache")
+
+    def check_writable(self) -> None:
+        """Raises OSError where it is a folder in which nothing can be kept."""
+        if not self._remote:
+            Path(self.place).mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.place):
+                pass
 
     @contextmanager
     def folder_of(self, settings: GenerateSettings) -> Iterator[Path]:

@@ -82,7 +82,7 @@ def _builtin() -> Any:
 
 
 def _suite(value: Any) -> Suite:
-    top = _mapping(value, "the file", _TOP)
+    top = _mapping(value, "", _TOP)
     if top.get("schema") != SCHEMA:
         raise UserError(f"schema is {top.get('schema')!r}, wanted {SCHEMA}")
     cases = top.get("cases")
@@ -166,13 +166,14 @@ def _swept(value: Any, where: str) -> tuple[Value, ...]:
 
 
 def _mapping(value: Any, where: str, known: tuple[str, ...] | None = None) -> dict[str, Any]:
+    at = f"{where}: " if where else ""      # the file itself stands before every message
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise UserError(f"{where}: wanted a mapping of names to values")
+        raise UserError(f"{at}wanted a mapping of names to values")
     for key in value if known is not None else ():
         if known is not None and key not in known:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(known)}"
-            raise UserError(f"{where}: no key {key!r}{hint}")
+            raise UserError(f"{at}no key {key!r}{hint}")
     return dict(value)
 
 

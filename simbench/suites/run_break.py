@@ -43,6 +43,7 @@ def run_break(suite: Suite, dial: str, limit: Limit, out: Path, where: Where, *,
     """
     found_dial, first, last = ends_of(suite.cases[0].scene, dial, start, end)
     check_names(suite)
+    where.check_cache()
     folder = SuiteFolder(out)
     folder.claim(suite, runs_of(swept(suite, dial, (first, last))), resume)
     done: dict[str, Mapping[str, Any]] = {}

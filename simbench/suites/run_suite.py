@@ -17,6 +17,7 @@ from simbench.program import PREFIX, UNLIMITED, Limits, words_of
 from simbench.report.suite_page import render_suite
 from simbench.sequence import open_sequence
 from simbench.storage import write_bytes, write_json
+from simbench.suites.cache import SequenceCache
 from simbench.suites.folder import SuiteFolder
 from simbench.suites.jobs import Run, Task, runs_of, tasks_of
 from simbench.suites.pool import Opener, dask_workers, local_workers, perform_all
@@ -39,6 +40,14 @@ class Where:
     reports: str = "first"          # which runs get a report.html: first seeds, all, none
     limits: Limits = UNLIMITED
 
+    def check_cache(self) -> None:
+        """Raises UserError or OSError where the cache cannot be used: before a suite begins.
+
+        A cluster's workers may have folders where we have none.
+        """
+        if self.cache and not self.dask:
+            SequenceCache(self.cache).check_writable()
+
     def opener(self) -> Opener:
         """What opens the workers."""
         if self.dask:
@@ -59,11 +68,12 @@ def run_suite(suite: Suite, out: Path, where: Where, *, resume: bool = False,
     Raises:
         UserError: an unknown scene, recording, detector, dial, system or input, or the folder is
             something else's.
-        OSError: the folder cannot be written.
+        OSError: the folder or the cache cannot be written.
     """
     check_names(suite)
     if not where.dask:      # a cluster's workers may have files where we have none
         check_files(suite)
+    where.check_cache()
     folder = SuiteFolder(out)
     runs = runs_of(suite)
     folder.claim(suite, runs, resume)

@@ -166,7 +166,8 @@ def parse_seeds(text: str | int) -> tuple[int, ...]:
             raise UserError(f"seeds {text!r}: wanted numbers and ranges, as in 0-9 or 0,3,7")
         first, last = int(low), int(high or low)
         if last < first or last - first >= 10_000:
-            raise UserError(f"seeds {text!r}: {part.strip()} is no range upward of at most 10000")
+            raise UserError(f"seeds {text!r}: {part.strip()} does not go upward, or by more "
+                            "than 10000; wanted the lower seed first, as in 2-5")
         found += range(first, last + 1)
     if len(set(found)) < len(found):
         raise UserError(f"seeds {text!r}: a seed is named twice")

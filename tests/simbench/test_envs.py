@@ -181,7 +181,8 @@ def test_render_modes_show_what_the_sensor_sees():
 @pytest.mark.parametrize(("wrong", "error"), [
     ({"sensor": "eye"}, UnknownName), ({"textures": 0.5}, UnknownName),
     ({"texture": 7}, UserError), ({"frames": 0}, UserError), ({"flow": "dis"}, UserError),
-    ({"size": "64x48"}, UserError), ({"size": (64,)}, UserError), ({"size": (64.5, 48)}, UserError),
+    ({"size": "64x48"}, UserError), ({"size": (64,)}, UserError), ({"size": (3, 3)}, UserError),
+    ({"size": (64.5, 48)}, UserError),
     ({"frames": 2.5}, UserError), ({"frames": "3"}, UserError), ({"fps": 0}, UserError),
     ({"fps": "fast"}, UserError), ({"sensor": None}, UnknownName), ({"max_objects": 0}, UserError),
     ({"max_edges": -1}, UserError), ({"max_turn_rad_s": float("nan")}, UserError),

@@ -113,6 +113,42 @@ def test_a_broken_baseline_is_one_line(tmp_path, text):
         read_baseline(path)
 
 
+GOOD_BASELINE = {
+    "schema": 1, "name": "x", "metrics": {"camera.E_t": {
+        "unit": "m", "better": "lower", "relative": True, "tolerance": 0.02}},
+    "runs": [{"case": "a", "point": {}, "system": "s", "seed": 1, "asked": {}, "status": "done",
+              "given_sha256": "0", "values": {"camera.E_t": 0.1}}]}
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda b: b.update(runs=[]), "runs: none"),
+    (lambda b: b.update(runs=2 * b["runs"]), "one stands there twice"),
+    (lambda b: b.update(runs=7), "runs is 7, wanted a list"),
+    (lambda b: b.pop("runs"), "'runs' is missing"),
+    (lambda b: b["runs"][0]["values"].update({"camera.E_t": -1}), "camera.E_t is -1, wanted"),
+    (lambda b: b["metrics"]["camera.E_t"].update(tolerance=-1), "tolerance of camera.E_t is -1"),
+    (lambda b: b["metrics"]["camera.E_t"].update(better="loer"), "'loer', wanted lower or higher"),
+    (lambda b: b["metrics"].update({"camera.Et": {}}), "did you mean 'camera.E_t'")])
+def test_a_baseline_edited_by_hand_is_refused_with_what_is_wrong(tmp_path, change, message):
+    path, edited = tmp_path / "baseline.json", json.loads(json.dumps(GOOD_BASELINE))
+    path.write_text(json.dumps(edited))
+    read_baseline(path)
+    change(edited)
+    path.write_text(json.dumps(edited))
+    with pytest.raises(BadFile, match=message) as raised:
+        read_baseline(path)
+    assert str(path) in str(raised.value)
+    assert "Error" not in str(raised.value)
+
+
+def test_a_gate_that_could_compare_nothing_does_not_pass():
+    nothing = outcome(values={})
+    with pytest.raises(UserError, match="nothing of smoke version 1 can be compared"):
+        judge(nothing, nothing)
+    with pytest.raises(UserError, match="nothing of"):
+        judge(replace(outcome(), metrics=()), outcome())
+
+
 @pytest.mark.parametrize("wrong", [
     {"seed": "0"}, {"seed": 1e300}, {"metrics": {"camera.E_t": "small"}}, {"metrics": []},
     {"asked": "all"}, {"case": None}, {"sequence": 5}, {"point": [1]}])
@@ -192,6 +228,55 @@ def test_it(simbench):
     assert failed.stdout.count(f"simbench: {path}") == 1
     assert "no_such_file" not in failed.stdout
     assert "During handling" not in failed.stdout
+
+
+@pytest.mark.parametrize(("marker", "message"), [
+    ("sytem='my_slam.py:make'", "no option 'sytem'; did you mean 'system'?"),
+    ("'my_slam.py:make'", "'my_slam.py:make' is which of system, suite"),
+    ("system=7", "name a system, as in"),
+    ("system='my_slam.py:make'", "name a baseline, as in"),
+    ("system='my_slam.py:make', baseline='b.json', frames='two'", "frames is 'two', wanted"),
+    ("system='my_slam.py:make', baseline='b.json', workers=0", "workers is 0, wanted"),
+    ("system='my_slam.py:make', baseline='b.json', size=(64, 48)", "size is (64, 48), wanted")])
+def test_a_marker_that_is_wrong_is_one_line(project, marker, message):
+    root, run_tests = project
+    (root / "test_marker.py").write_text(f"""
+import pytest
+
+@pytest.mark.simbench({marker})
+def test_it(simbench):
+    simbench.gate()
+""")
+    failed = run_tests("test_marker.py", "-rN")
+    (root / "test_marker.py").unlink()
+    assert failed.returncode == 1
+    told = [line for line in failed.stdout.splitlines() if line.startswith("simbench: ")]
+    assert len(told) == 1, failed.stdout
+    assert message in told[0]
+    assert "Error" not in failed.stdout.replace("1 error", "")
+
+
+def test_a_suite_that_cannot_run_is_one_line_in_a_test_too(project):
+    root, run_tests = project
+    (root / "test_suite.py").write_text("""
+def test_it(simbench):
+    simbench.suite(system='sdlp')
+""")
+    failed = run_tests("test_suite.py", "-rN")
+    (root / "test_suite.py").unlink()
+    assert "simbench: no system 'sdlp'; did you mean 'sdpl'?" in failed.stdout
+    assert "UnknownName" not in failed.stdout
+
+
+def test_what_measured_nothing_is_not_blessed(project, tmp_path, capsys):
+    root, _ = project
+    out = tmp_path / "one"
+    assert main(["suite", str(root / "suite.yaml"), "--frames", "1", "--seeds", "0", "--workers",
+                 "1", "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert main(["bless", str(out), "--baseline", str(tmp_path / "b.json")]) == 2
+    assert "was measured: there is nothing to hold others against" in capsys.readouterr().err
+    assert not (tmp_path / "b.json").exists()
 
 
 def test_bless_and_gate_as_typed(project, tmp_path, capsys):

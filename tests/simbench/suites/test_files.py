@@ -54,9 +54,9 @@ def test_a_sweep_becomes_every_combination(tmp_path):
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("schema: 1", "schema: 7", "schema is 7"),
     ("name: mine", "name: ../mine", "no name of letters"),
-    ("seeds: 0-2", "seeds: 2-0", "no range upward"),
+    ("seeds: 0-2", "seeds: 2-0", "wanted the lower seed first"),
     ("systems: [sdpl, vdo]", "systems: [sdpl, sdpl]", "stands there twice"),
-    ("systems: [sdpl, vdo]", "sistems: [sdpl]", "did you mean 'systems'"),
+    ("systems: [sdpl, vdo]", "sistems: [sdpl]", r"yaml: no key 'sistems'; did you mean 'systems'"),
     ("scene: SwingingBoxes-v0", "frames: 3", "either scene or folder"),
     ("texture: [1, 0.5]", "texture: 1", "wanted a list"),
     ("texture: [1, 0.5]", "texture: [1, red]", "'red' is not a number"),
@@ -69,6 +69,7 @@ def test_a_sweep_becomes_every_combination(tmp_path):
     ("frames: 5", "frames: 0", "whole number from 1"),
     ("cases:", "cases: [", "not YAML"),
     ("cases:", "metrics: [camera.Et]\ncases:", "did you mean 'camera.E_t'"),
+    ("name: mine", "name: mine\nname: ours", r"yaml:\d+: .*'name' stands there twice"),
     ("name: mine", "name: !!python/object/apply:os.system [echo]", "not YAML"),
 ])
 def test_a_wrong_file_is_one_line_that_says_where(tmp_path, old, new, message):

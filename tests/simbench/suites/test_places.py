@@ -81,3 +81,15 @@ def test_a_storage_that_there_is_not_is_one_line():
     pytest.importorskip("fsspec")
     with pytest.raises(UserError, match="--cache nothing://here"):
         SequenceCache("nothing://here")
+
+
+def test_a_cache_that_cannot_be_written_stops_a_suite_before_it_begins(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "out"
+    for more in (["smoke"], ["break", "--dial", "texture"]):
+        assert main(["suite", *more, "--out", str(out), "--cache",
+                     str(tmp_path / "file" / "cache")]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert str(tmp_path / "file") in said
+        assert not out.exists()
