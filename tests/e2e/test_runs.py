@@ -46,6 +46,12 @@ def test_recordings_run_with_full_coverage_and_small_errors(tmp_path, name):
     assert {p.name for p in tmp_path.iterdir()} >= RUN_FILES
 
 
+def test_without_masks_the_camera_stays_with_the_room_while_people_walk_by(tmp_path):
+    metrics = run("Office-v0", tmp_path, "--system", "sdpl", "--frames", "5", "--seed", "34",
+                  "--sensor", "gaussian", "--flow", "dis", "--masks", "none")
+    assert metrics["camera"]["E_t"] < 0.002                # they walk by 0.03 m in a frame
+
+
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
     """A short run on the rendered scene: its folder and metrics."""
