@@ -66,14 +66,22 @@ def _converted(value: str, wanted: Any, text: str) -> Any:
             raise UserError(f"--set {text}: wanted true or false")
         return value.lower() in _TRUE
     if wanted in (int, float):
-        try:
-            return wanted(value)
-        except ValueError:
-            kind = "a whole number" if wanted is int else "a number"
-            raise UserError(f"--set {text}: {value!r} is not {kind}") from None
+        return _number(value, wanted, text)
     if wanted is str:
         return value
     raise UserError(f"--set {text}: this field cannot be set from the command line")
+
+
+def _number(value: str, wanted: Any, text: str) -> float:
+    """A count, a width or a tolerance, all of which begin at 0; inf switches a limit off."""
+    kind = "a whole number" if wanted is int else "a number"
+    try:
+        number = wanted(value)
+    except ValueError:
+        raise UserError(f"--set {text}: {value!r} is not {kind}") from None
+    if not number >= 0:      # nor is NaN
+        raise UserError(f"--set {text}: must not be negative; wanted {kind} from 0")
+    return float(number) if wanted is float else int(number)
 
 
 def _of_union(value: str, choices: tuple[Any, ...], text: str) -> Any:

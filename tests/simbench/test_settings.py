@@ -24,8 +24,8 @@ class Stage:
     pair: tuple[int, int] = (1, 2)
 
     def __post_init__(self) -> None:
-        if self.sigma_px < 0:
-            raise ValueError("sigma_px must not be negative")
+        if self.sigma_px == 0:
+            raise ValueError("sigma_px must not be 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,8 @@ class Config:
     ("motion.sigma_px=1e-3", "sigma_px", 1e-3), ("motion.count=7", "count", 7),
     ("motion.enabled=false", "enabled", False), ("motion.enabled=Yes", "enabled", True),
     ("motion.kind=cauchy", "kind", "cauchy"), ("motion.limit=2", "limit", 2.0),
-    ("motion.limit=none", "limit", None), ("motion.name=x=y", "name", "x=y")])
+    ("motion.limit=none", "limit", None), ("motion.limit=inf", "limit", float("inf")),
+    ("motion.name=x=y", "name", "x=y")])
 def test_text_becomes_the_fields_type(text, name, value):
     changed = getattr(with_settings(Config(), [text]).motion, name)
     assert changed == value
@@ -62,7 +63,11 @@ def test_the_rest_stays_and_the_last_wins():
     ("motion.enabled=maybe", UserError, "true or false"),
     ("motion.kind=tukey", UserError, "one of huber, cauchy"),
     ("motion.pair=1", UserError, "cannot be set"),
-    ("motion.sigma_px=-1", UserError, "must not be negative")])
+    ("motion.sigma_px=0", UserError, "sigma_px must not be 0"),
+    ("motion.sigma_px=-1", UserError, "must not be negative; wanted a number from 0"),
+    ("motion.sigma_px=nan", UserError, "wanted a number from 0"),
+    ("motion.count=-1", UserError, "wanted a whole number from 0"),
+    ("motion.limit=-2", UserError, "must not be negative")])
 def test_what_cannot_be_set_is_refused_in_one_line(text, kind, says):
     with pytest.raises(kind, match=says) as raised:
         with_settings(Config(), [text])

@@ -151,6 +151,7 @@ def test_a_scene_that_the_user_names_is(generated, tmp_path):
     asked, trusted = (subprocess.run([*words, *more], capture_output=True, text=True, check=True)
                       for more in ([], ["--scene", SCENE]))
     assert "is not run because a file names it" in asked.stdout
+    assert asked.stdout.count("certificate: ") == 1
     assert "drawn here, it has the same bytes" in trusted.stdout
 
 
