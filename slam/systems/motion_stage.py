@@ -194,8 +194,8 @@ class MotionStage:
         for a good start to be left for a pose between the two.
         """
         points, config = matched.every, self.config
-        back = [drawn_away(start, refined, taken(points, np.flatnonzero(points.group == group)),
-                           self.intrinsics, config.start, config.noise.flow_sigma_px)
+        back = [drawn_away(start, refined, points, self.intrinsics, config.start,
+                           config.noise.flow_sigma_px, np.flatnonzero(points.group == group))
                 for group, (start, refined) in enumerate(zip(starts, rough.T_a_b, strict=True))]
         return replace(rough, T_a_b=np.where(np.array(back)[:, None, None], starts, rough.T_a_b))
 

@@ -49,9 +49,10 @@ def test_the_start_goes_with_the_room_and_not_with_who_walks_through_it():
 
 def test_a_pose_that_most_matches_fit_finely_is_not_left_for_one_between_two_motions():
     matches, T, walked = among_walkers(np.random.default_rng(7), 0.3)
-    assert drawn_away(T, walked, matches, CAMERA, CONFIG, 0.3)
-    assert not drawn_away(walked, T, matches, CAMERA, CONFIG, 0.3)
-    assert not drawn_away(T, T, matches, CAMERA, CONFIG, 0.3)
+    own = np.arange(len(matches))
+    assert drawn_away(T, walked, matches, CAMERA, CONFIG, 0.3, own)
+    assert not drawn_away(walked, T, matches, CAMERA, CONFIG, 0.3, own)
+    assert not drawn_away(T, T, matches, CAMERA, CONFIG, 0.3, own)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
