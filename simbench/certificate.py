@@ -69,15 +69,20 @@ def origin(world: World, sensor: str) -> dict[str, Any]:
             "gl_renderer": gl_renderer_name()}
 
 
-def certificate(files: Mapping[str, str]) -> dict[str, Any]:
-    """The certificate of a sequence with these files (path to SHA-256)."""
+def certificate(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """The certificate of a sequence with this manifest, which holds all but the certificate."""
     return {"bytes_depend_on": list(DEPENDS_ON), "bytes_do_not_depend_on": list(INDEPENDENT_OF),
-            "content_sha256": content_sha256(files)}
+            "claims_sha256": _claims_sha256(manifest),
+            "content_sha256": _sha256(manifest["files"])}
 
 
-def content_sha256(files: Mapping[str, str]) -> str:
-    """One SHA-256 for all the files."""
-    return hashlib.sha256(json.dumps(dict(files), sort_keys=True).encode()).hexdigest()
+def _claims_sha256(manifest: Mapping[str, Any]) -> str:
+    """One SHA-256 for all that the bytes depend on, as the manifest says it."""
+    return _sha256({key: manifest[key] for key in DEPENDS_ON})
+
+
+def _sha256(values: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()
 
 
 def faults(manifest: Mapping[str, Any], T_world_camera: Array, T_world_part: Array) -> list[str]:
@@ -87,7 +92,11 @@ def faults(manifest: Mapping[str, Any], T_world_camera: Array, T_world_part: Arr
         return ["it has no certificate"]
     missing = [key for key in DEPENDS_ON if key not in manifest]
     found = [f"its certificate does not say {key}" for key in missing]
-    if claim.get("content_sha256") != content_sha256(manifest["files"]):
+    # Sequences of before certificates held it have none.
+    if not missing and claim.get("claims_sha256", _claims_sha256(manifest)) != _claims_sha256(
+            manifest):
+        found.append("its certificate is of another seed, other dials, settings or versions")
+    if claim.get("content_sha256") != _sha256(manifest["files"]):
         found.append("its certificate is of other files")
     if manifest.get("motion_sha256") != motion_sha256(T_world_camera, T_world_part):
         found.append("its certificate is of other poses")

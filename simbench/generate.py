@@ -117,10 +117,10 @@ def generate(settings: GenerateSettings, out: Path, *, workers: int = 1, resume:
         studio.renderer.close()
     objects = [{"instance_id": o.instance_id, "name": o.name, "root_part": o.root_part,
                 "rigid": o.rigid, "category": o.category} for o in world.layout.objects]
-    files = storage.file_hashes(out)
-    storage.write_json(out / storage.MANIFEST, {
-        **identity, "motion_sha256": target.motion_sha256, "depth_scale": target.depth_scale,
-        "objects": objects, "certificate": certificate(files), "files": files})
+    manifest = {**identity, "motion_sha256": target.motion_sha256,
+                "depth_scale": target.depth_scale, "objects": objects,
+                "files": storage.file_hashes(out)}
+    storage.write_json(out / storage.MANIFEST, {**manifest, "certificate": certificate(manifest)})
     (out / storage.UNFINISHED).unlink()
     return len(missing)
 

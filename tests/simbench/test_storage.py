@@ -142,6 +142,18 @@ def test_another_scene_has_another_certificate(generated, changes, key):
     assert differences(there, settings(**changes).make_world()) == [f"{key} is another here"]
 
 
+@pytest.mark.parametrize("changed", [{"seed": 9}, {"dials": {"texture": 0.5}},
+                                     {"versions": {}}])
+def test_a_manifest_that_was_edited_is_not_what_was_certified(copy, changed):
+    manifest = json.loads((copy / "sequence.json").read_text())
+    (copy / "sequence.json").write_text(json.dumps(manifest | changed))
+    (problem,) = check_sequence(copy, open_sequence(copy))
+    assert "its certificate is of another seed, other dials" in problem
+    del manifest["certificate"]["claims_sha256"]            # as older sequences are
+    (copy / "sequence.json").write_text(json.dumps(manifest))
+    assert check_sequence(copy, open_sequence(copy)) == []
+
+
 def test_what_differs_on_this_machine_is_said(copy):
     manifest = json.loads((copy / "sequence.json").read_text())
     manifest["versions"]["mujoco"] = "3.0.0"
