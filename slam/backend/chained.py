@@ -56,11 +56,14 @@ class _Body:
     """One body's chains, in the numbering of its own frames."""
 
     def __init__(self, body: BodyRecord, number: int, record: MapRecord, camera: Intrinsics,
-                 bundle: BundleConfig, config: ChainConfig) -> None:
+                 bundle: BundleConfig, config: ChainConfig, interval_s: float) -> None:
         # What bends is tied the more loosely, and so pulls the cameras less.
         rigidity = max(float(np.mean(body.rigidity)), _LEAST_RIGIDITY)
         config = replace(config, motion_sigma_m=config.motion_sigma_m / rigidity**2)
-        self.moving, self.config = number != STATIC, config
+        self.moving = number != STATIC
+        self._smooth_weight = 1.0 / np.repeat(
+            [config.angular_acceleration_rad_s2 * interval_s**2,
+             config.acceleration_m_s2 * interval_s**2], 3)
         self.at = np.searchsorted(record.bodies[STATIC].frames, body.frames)
         X = np.array(record.bodies[STATIC].poses)[self.at]
         self.T_world_body = X @ se3.inverse(np.array(body.poses))
@@ -78,7 +81,7 @@ class _Body:
     def smooth(self, H: Array) -> PairTerms:
         """Change between successive motions, whitened."""
         t = smooth_motion_terms(H[1:-1], H[2:], self.centroid[:-2], self.centroid[1:-1])
-        w = np.repeat([1.0 / self.config.smooth_rad, 1.0 / self.config.smooth_m], 3)
+        w = self._smooth_weight
         return PairTerms(w * t.r, w[:, None] * t.J_first, w[:, None] * t.J_second)
 
     def cost(self, X: Array, H: Array, place: tuple[Array, ...]) -> float:
@@ -149,13 +152,13 @@ class _Body:
 
 
 class ChainedProblem:
-    """All bodies of a run."""
+    """All bodies of a run, whose frames are `interval_s` apart."""
 
     def __init__(self, record: MapRecord, camera: Intrinsics, bundle: BundleConfig,
-                 config: ChainConfig) -> None:
+                 config: ChainConfig, interval_s: float) -> None:
         static = record.bodies[STATIC]
         self.numbers = [n for n, body in record.bodies.items() if len(body.frames) > 1]
-        self.bodies = [_Body(record.bodies[n], n, record, camera, bundle, config)
+        self.bodies = [_Body(record.bodies[n], n, record, camera, bundle, config, interval_s)
                        for n in self.numbers]
         self.begin = State(np.array(static.poses), tuple(b.H for b in self.bodies),
                            tuple(b.place for b in self.bodies))
@@ -284,7 +287,8 @@ def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
     start = perf_counter()
     if len(record.bodies[STATIC].frames) < 2:
         return tracked
-    problem = ChainedProblem(record, camera, bundle, config)
+    interval_s = float(np.median(np.diff(tracked.stamps_s)))
+    problem = ChainedProblem(record, camera, bundle, config, interval_s)
     state, _, _ = solve(problem, bundle)
     paths = {}
     for number, body, H in zip(problem.numbers, problem.bodies, state.H, strict=True):

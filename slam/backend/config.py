@@ -65,10 +65,12 @@ class ChainConfig:
     # Of points, and of eq. (5) well conditioned: as the sensor measures, px and 1/m, or as the
     # paper does. Lines in its own form are always in metres.
     measured_in: Literal["pixels", "metres"] = "pixels"
-    motion_sigma_m: float = 0.001     # of a moved point or line: what rigidity leaves unexplained
+    motion_sigma_m: float = 1e-4      # of a moved point or line: what rigidity leaves unexplained
     direction_sigma: float = 1e-4     # of 1 − cos of two directions, as printed: 0.8°
-    smooth_rad: float = 0.02          # change of an object's motion from one frame to the next
-    smooth_m: float = 0.02            # the same of its centroid's step
+    # Objects keep their velocity but for these, as in tracking: by the square of the time between
+    # frames their motion changes from one to the next.
+    acceleration_m_s2: float = 2.0
+    angular_acceleration_rad_s2: float = 2.0
     kernel_width: float = 3.0         # of Cauchy's kernel, in standard deviations
 
 

@@ -21,6 +21,8 @@ from slam.line_sightings import packed
 from slam.map import STATIC, LineObservations, MapRecord, PointObservations
 from slam.types import ObjectTrack, SlamResult, Status
 
+INTERVAL_S = 0.1
+UNTIED = ChainConfig(angular_acceleration_rad_s2=1e4, acceleration_m_s2=1e4)  # motions apart
 BUNDLE = BundleConfig(iterations=25, tolerance=1e-12, rounds=0)
 
 
@@ -133,10 +135,10 @@ def motion_errors(state, problem, L):
 @pytest.mark.parametrize("unit", ["pixels", "metres"])
 def test_without_noise_the_truth_comes_back(unit):
     record, X, L = dynamic_world(0, drift=3e-3)
-    config = ChainConfig(smooth_rad=10.0, smooth_m=10.0, measured_in=unit)
+    config = replace(UNTIED, measured_in=unit)
     for body in record.bodies.values():                    # the drifted steps are not believed
         body.information[1:] = [np.eye(6) * 1e-6] * (len(body.frames) - 1)
-    problem = ChainedProblem(record, CAMERA, BUNDLE, config)
+    problem = ChainedProblem(record, CAMERA, BUNDLE, config, INTERVAL_S)
     state, before, after = solve(problem, BUNDLE)
     assert after < 1e-6 * before
     assert_allclose(state.X, X, atol=1e-5)
@@ -153,7 +155,7 @@ def test_drift_is_taken_away(form):
     for seed in range(3):
         record, X, _ = dynamic_world(seed, noise=1.0, drift=2e-3)
         start = np.array(record.bodies[STATIC].poses)
-        problem = ChainedProblem(record, CAMERA, BUNDLE, form)
+        problem = ChainedProblem(record, CAMERA, BUNDLE, form, INTERVAL_S)
         state, cost_before, cost = solve(problem, BundleConfig())
         assert cost < cost_before
         before.append(np.abs(start[:, :3, 3] - X[:, :3, 3]).mean())
@@ -176,7 +178,7 @@ def test_never_worse_and_never_nan(seed, case):
         record.points._observations = [replace(o, rho_sigma=np.full(len(o), np.inf))
                                        for o in record.points._observations]
     for form in FORMS:
-        problem = ChainedProblem(record, CAMERA, BUNDLE, form)
+        problem = ChainedProblem(record, CAMERA, BUNDLE, form, INTERVAL_S)
         state, before, after = solve(problem, BundleConfig(iterations=3))
         assert after <= before
         assert all(np.isfinite(part).all() for part in (state.X, *state.H))
@@ -186,7 +188,8 @@ def test_never_worse_and_never_nan(seed, case):
 
 def test_both_units_weigh_a_sighting_alike():
     record, _, _ = dynamic_world(3, points=6, lines=6, noise=1.0, drift=1e-4)
-    bodies = [ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(measured_in=unit)).bodies[0]
+    bodies = [ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(measured_in=unit),
+                             INTERVAL_S).bodies[0]
               for unit in ("pixels", "metres")]
     X = np.array(record.bodies[STATIC].poses)
     for pixels, metres, place in zip(*(b.families for b in bodies), bodies[0].place, strict=True):
@@ -198,12 +201,12 @@ def test_both_units_weigh_a_sighting_alike():
 def test_errors_are_as_large_as_the_covariances_say():
     """NEES of steps and of motions, seen from the camera before, where all noise is as assumed."""
     drift = 0.01                                                  # of steps: 1e4 of information
-    config = ChainConfig(smooth_rad=10.0, smooth_m=10.0, motion_sigma_m=1e-4, kernel_width=1e3)
+    config = replace(UNTIED, kernel_width=1e3)
     bundle = replace(BUNDLE, kernel_width=1e3)
     of_steps, of_motions = [], []
     for seed in range(14):
         record, X, L = dynamic_world(seed, frames=4, points=16, lines=4, noise=1.0, drift=drift)
-        problem = ChainedProblem(record, CAMERA, bundle, config)
+        problem = ChainedProblem(record, CAMERA, bundle, config, INTERVAL_S)
         state, _, _ = solve(problem, bundle)
         found = problem.covariances(state)
         (motions,) = found.motions.values()
@@ -226,7 +229,7 @@ def test_without_covariances_to_be_had_there_are_none():
     record, _, _ = dynamic_world(0, frames=4, points=0, lines=0)
     for body in record.bodies.values():
         body.information[1:] = [np.zeros((6, 6))] * 3
-    problem = ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(smooth_rad=1e9, smooth_m=1e9))
+    problem = ChainedProblem(record, CAMERA, BUNDLE, UNTIED, INTERVAL_S)
     found = problem.covariances(problem.begin)
     # Steps that nothing is known of are held by 0.5 rad and 1 m; of motions nothing is known.
     assert np.all(np.diagonal(found.steps[1:], axis1=1, axis2=2) >= 0.24)
@@ -280,7 +283,7 @@ def test_what_bends_is_tied_loosely(rigidity, times):
     for share in (1.0, rigidity):
         record, _, _ = dynamic_world(0, lines=0)
         record.bodies[1].rigidity = [share] * 7
-        problem = ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(kernel_width=1e6))
+        problem = ChainedProblem(record, CAMERA, BUNDLE, ChainConfig(kernel_width=1e6), INTERVAL_S)
         body = problem.bodies[1]
         place = body.place[0] + 1e-4 * (np.arange(len(body.place[0])) % 2)[:, None]
         costs.append(np.sum(body.families[0]._move(body.H, place).r ** 2))
@@ -291,7 +294,7 @@ def test_equal_runs_give_equal_bytes():
     states = []
     for _ in range(2):
         problem = ChainedProblem(dynamic_world(5, noise=1.0, drift=1e-3)[0], CAMERA, BUNDLE,
-                                 ChainConfig())
+                                 ChainConfig(), INTERVAL_S)
         states.append(levenberg_marquardt(problem, problem.begin, BundleConfig(iterations=2)))
     assert states[0].X.tobytes() == states[1].X.tobytes()
     assert states[0].H[1].tobytes() == states[1].H[1].tobytes()
