@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 from simbench.errors import UnknownName, UserError
 
 _Config = TypeVar("_Config")
+SIGNED = "signed"     # in the metadata of fields whose numbers may be negative
 _TRUE, _FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
@@ -31,8 +32,9 @@ def with_settings(config: _Config, settings: Iterable[str]) -> _Config:
 
 def _with(config: Any, path: list[str], value: str, text: str) -> Any:
     name, *rest = path
-    names = [f.name for f in fields(config)]
-    if name not in names:
+    known = {f.name: f for f in fields(config)}
+    names = list(known)
+    if name not in known:
         inside = [f"{n}.{name}" for n in names if is_dataclass(getattr(config, n))
                   and hasattr(getattr(config, n), name)]
         close = inside or difflib.get_close_matches(name, names, n=1, cutoff=0.5)
@@ -47,6 +49,8 @@ def _with(config: Any, path: list[str], value: str, text: str) -> Any:
     if rest:
         raise UnknownName(f"--set {text}: {name!r} has no fields of its own")
     converted = _converted(value, get_type_hints(type(config))[name], text)
+    if isinstance(converted, int | float) and not known[name].metadata.get(SIGNED, False):
+        _not_negative(converted, text)
     try:
         return replace(config, **{name: converted})
     except ValueError as error:
@@ -66,22 +70,21 @@ def _converted(value: str, wanted: Any, text: str) -> Any:
             raise UserError(f"--set {text}: wanted true or false")
         return value.lower() in _TRUE
     if wanted in (int, float):
-        return _number(value, wanted, text)
+        try:
+            return wanted(value)
+        except ValueError:
+            kind = "a whole number" if wanted is int else "a number"
+            raise UserError(f"--set {text}: {value!r} is not {kind}") from None
     if wanted is str:
         return value
     raise UserError(f"--set {text}: this field cannot be set from the command line")
 
 
-def _number(value: str, wanted: Any, text: str) -> float:
-    """A count, a width or a tolerance, all of which begin at 0; inf switches a limit off."""
-    kind = "a whole number" if wanted is int else "a number"
-    try:
-        number = wanted(value)
-    except ValueError:
-        raise UserError(f"--set {text}: {value!r} is not {kind}") from None
+def _not_negative(number: float, text: str) -> None:
+    """Counts, widths and tolerances begin at 0; inf switches a limit off."""
     if not number >= 0:      # nor is NaN
+        kind = "a whole number" if isinstance(number, int) else "a number"
         raise UserError(f"--set {text}: must not be negative; wanted {kind} from 0")
-    return float(number) if wanted is float else int(number)
 
 
 def _of_union(value: str, choices: tuple[Any, ...], text: str) -> Any:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from simbench.errors import UserError
+from simbench.settings import SIGNED
 from slam.geometry.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)
 class MaskNoise:
-    erosion_px: int = 1         # > 0: masks shrink by this much; < 0: they grow over background
+    # > 0: masks shrink by this much; < 0: they grow over background.
+    erosion_px: int = field(default=1, metadata={SIGNED: True})
     missed: float = 0.02        # probability that an object is not detected in a frame
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from simbench.errors import BadFile, UnknownName, UserError
 from simbench.load_system import load_system
+from simbench.sensors.spec import find_sensor
 from simbench.settings import with_settings
 from synthetic import CAMERA
 
@@ -44,6 +45,12 @@ def test_text_becomes_the_fields_type(text, name, value):
     changed = getattr(with_settings(Config(), [text]).motion, name)
     assert changed == value
     assert type(changed) is type(value)
+
+
+def test_masks_may_grow():
+    assert find_sensor("gaussian", {"masks.erosion_px": -4}).masks.erosion_px == -4
+    with pytest.raises(UserError, match="must not be negative"):
+        find_sensor("gaussian", {"depth.sigma_m_at_1m": -1})
 
 
 def test_the_rest_stays_and_the_last_wins():
