@@ -82,11 +82,13 @@ def _cell_sums(cell_px: int, every: int, static: bool, flow: Array, valid: Array
     return sums[:used], group[:used]
 
 
+# Numbers only: each array handed to a function, inlined or not, is counted in every pixel, which
+# takes three times as long as all the rest.
 @numba.njit(cache=True, nogil=True, inline="always")
-def _counts(v, u, own, flow, valid, rho_a, group_a):  # type: ignore[no-untyped-def]
+def _counts(own, rho, valid, flow_u, flow_v):  # type: ignore[no-untyped-def]
     """Whether a pixel has all that it needs in its own frame."""
-    return (group_a[v, u] == own and rho_a[v, u] > 0.0 and (valid.size == 0 or valid[v, u])
-            and abs(flow[v, u, 0]) < _FARTHEST_PX and abs(flow[v, u, 1]) < _FARTHEST_PX)
+    return (own and rho > 0.0 and valid and abs(flow_u) < _FARTHEST_PX
+            and abs(flow_v) < _FARTHEST_PX)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -101,9 +103,11 @@ def _flow_of_cell(top, left, cell_px, every, own, flow, valid, rho_a,  # type: i
     """
     n = p_sum = q_sum = pp = pq = qq = 0.0
     moments = np.zeros((2, 3))                   # Σ flow, Σ p flow, Σ q flow
+    every_valid = valid.size == 0
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
-            if not _counts(v, u, own, flow, valid, rho_a, group_a):
+            if not _counts(group_a[v, u] == own, rho_a[v, u], every_valid or valid[v, u],
+                           flow[v, u, 0], flow[v, u, 1]):
                 continue
             p, q = u - left, v - top
             n, p_sum, q_sum = n + 1.0, p_sum + p, q_sum + q
@@ -132,15 +136,6 @@ def _slopes(n, p_sum, q_sum, pp, pq, qq, moments):  # type: ignore[no-untyped-de
     return (qq * pf - pq * qf) / det, (pp * qf - pq * pf) / det
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _place(v, u, p, q, flow, model, noisy_pixels):  # type: ignore[no-untyped-def]
-    """Where a pixel comes to lie: by its cell's flow at (p, q) in the cell, or by its own."""
-    if noisy_pixels:
-        return (u + model[0, 0] + p * model[0, 1] + q * model[0, 2],
-                v + model[1, 0] + p * model[1, 1] + q * model[1, 2])
-    return u + flow[v, u, 0], v + flow[v, u, 1]
-
-
 @numba.njit(cache=True, nogil=True)
 def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type: ignore[no-untyped-def]
               rho_b, group_a, group_b, max_change, max_noise, noise, noisy_pixels):
@@ -155,15 +150,21 @@ def _add_cell(sums, top, left, cell_px, every, own, flow, valid, rho_a,  # type:
                                       model) == 0.0:
         return
     height, width = rho_a.shape
+    every_valid = valid.size == 0
     count = count_b = sum_u = sum_v = flow_u = flow_v = sum_a = sum_b = slope_u = slope_v = 0.0
     p_sum = q_sum = pp = pq = qq = 0.0           # of the pixels with depth in b
     moments = np.zeros(3)
     for v in range(top, top + cell_px, every):
         for u in range(left, left + cell_px):
-            if not _counts(v, u, own, flow, valid, rho_a, group_a):
-                continue
             here, p, q = rho_a[v, u], u - left, v - top
-            x, y = _place(v, u, p, q, flow, model, noisy_pixels)
+            if not _counts(group_a[v, u] == own, here, every_valid or valid[v, u],
+                           flow[v, u, 0], flow[v, u, 1]):
+                continue
+            # Where it comes to lie: by its cell's flow there, or by its own.
+            x = (u + model[0, 0] + p * model[0, 1] + q * model[0, 2] if noisy_pixels
+                 else u + flow[v, u, 0])
+            y = (v + model[1, 0] + p * model[1, 1] + q * model[1, 2] if noisy_pixels
+                 else v + flow[v, u, 1])
             if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
                 continue
             near = int(y + 0.5), int(x + 0.5)
