@@ -34,6 +34,7 @@ from slam.map import STATIC, BodyRecord, MapRecord
 from slam.types import Intrinsics, SlamResult
 
 _LEAST_RIGIDITY = 0.1
+_SHORTEST_S = 1e-4         # between frames: stamps that stand still must not make ties infinite
 _SMALLEST_RATIO = 1e-3     # noise-free input must not make the system singular
 
 
@@ -287,7 +288,7 @@ def refine_chained(record: MapRecord, tracked: SlamResult, camera: Intrinsics,
     start = perf_counter()
     if len(record.bodies[STATIC].frames) < 2:
         return tracked
-    interval_s = float(np.median(np.diff(tracked.stamps_s)))
+    interval_s = max(float(np.median(np.diff(tracked.stamps_s))), _SHORTEST_S)
     problem = ChainedProblem(record, camera, bundle, config, interval_s)
     state, _, _ = solve(problem, bundle)
     paths = {}
